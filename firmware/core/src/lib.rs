@@ -1,0 +1,7 @@
+//! The crossfall instrument as pure state machines: no I/O, no clock of its own, no heap.
+#![no_std]
+#![forbid(unsafe_code)]
+
+pub mod scan;
+
+pub use crossfall_protocol as protocol;

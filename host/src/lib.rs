@@ -1,0 +1,2 @@
+//! The crossfall host: logs, verification, profiles, maps.
+#![forbid(unsafe_code)]

@@ -1,0 +1,4 @@
+//! The `crossfall` command.
+#![forbid(unsafe_code)]
+
+fn main() {}
