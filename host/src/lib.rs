@@ -1,2 +1,4 @@
 //! The crossfall host: logs, verification, profiles, maps.
 #![forbid(unsafe_code)]
+
+pub mod terrain;

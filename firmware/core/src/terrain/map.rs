@@ -1,0 +1,446 @@
+//! The map: frames in, elevation and driving risk out.
+//!
+//! One frame goes through these steps, each in its own module:
+//! gate on the pose, move the window, align to the map, project, find what stands, close the map around it, fuse, look through what stood,
+//! refresh gradient, relief and risk of touched tiles. All storage is the caller's and constant; the work is bounded by
+//! the points given and the tiles there are. A frame that cannot be trusted changes nothing and says why.
+
+use super::align::{Alignment, Pair, align};
+use super::boxes::{MovingBox, mark_boxes};
+use super::classify::classify;
+use super::config::TerrainConfig;
+use super::geometry::{Pose, Step, Track};
+use super::marks::{Marks, close_around_hits, settle_ground};
+use super::project::{PointCounts, Projection, Sample, project};
+use super::relief::{Patch, Relief};
+use super::risk::RiskTable;
+use super::sight::{RangeImage, RangePixels};
+use super::slope::{measure, pool};
+use super::standing::{look_through, raise};
+use super::tile::{TALL_CERTAIN, TILE_SIDE, Tile, TileKey, margin_table};
+use super::window::Window;
+
+/// Storage that the caller lends.
+pub struct Storage<'a> {
+    /// side x side tiles.
+    pub tiles: &'a mut [Tile],
+    /// As many marks as tiles.
+    pub marks: &'a mut [Marks],
+    /// One for each point of the largest frame.
+    pub samples: &'a mut [Sample],
+    /// At least 256; 10,000 are enough for any frame.
+    pub pairs: &'a mut [Pair],
+    /// The range image.
+    pub pixels: &'a mut RangePixels,
+}
+
+/// Why a map could not be set up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SetUpError {
+    /// A number of the configuration is out of its range.
+    Configuration,
+    /// The side is 0 or above 255 tiles.
+    Side,
+    /// Tiles and marks are not side x side.
+    TileStorage,
+    /// Fewer than 256 pairs, or no samples.
+    Scratch,
+}
+
+/// Why a frame was not taken into the map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// The rotation is not one, or the position lies beyond 4,000 km.
+    Pose,
+    /// The pose does not continue the motion.
+    Jump,
+    /// No usable point.
+    NoPoints,
+    /// The frame does not lie on the map: fewer than a third of the compared points fit.
+    Misfit,
+}
+
+/// What happened to a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FrameReport {
+    /// None: the frame is in the map.
+    pub refused: Option<Refusal>,
+    /// The map was emptied because the vehicle went on from somewhere else.
+    pub restarted: bool,
+    /// The correction found.
+    pub alignment: Alignment,
+    /// What became of the points.
+    pub points: PointCounts,
+    /// Tiles whose risk was told anew.
+    pub refreshed: u32,
+    /// Cells that lost what had stood there.
+    pub cleared: u32,
+}
+
+/// The elevation and risk map around a moving sensor.
+pub struct TerrainMap<'a> {
+    config: TerrainConfig,
+    cell_um: i64,
+    window: Window<'a>,
+    marks: &'a mut [Marks],
+    samples: &'a mut [Sample],
+    pairs: &'a mut [Pair],
+    image: RangeImage<'a>,
+    margins: [u8; 256],
+    table: RiskTable,
+    datum_um: i64,
+    track: Track,
+    /// The track that a jump may have begun.
+    elsewhere: Option<Track>,
+    frame: u32,
+    misfits: u8,
+    pending_us: u32,
+    sensor_um: [i64; 3],
+}
+
+impl<'a> TerrainMap<'a> {
+    /// An empty map of `side` x `side` tiles.
+    ///
+    /// # Errors
+    /// Storage or configuration that do not fit.
+    pub fn new(config: TerrainConfig, side: u16, storage: Storage<'a>) -> Result<Self, SetUpError> {
+        if !config.is_sound() {
+            return Err(SetUpError::Configuration);
+        }
+        if side == 0 || side > 255 {
+            return Err(SetUpError::Side);
+        }
+        let count = usize::from(side) * usize::from(side);
+        if storage.tiles.len() != count || storage.marks.len() != count {
+            return Err(SetUpError::TileStorage);
+        }
+        if storage.samples.is_empty() || storage.pairs.len() < 256 {
+            return Err(SetUpError::Scratch);
+        }
+        storage.marks.fill(Marks::EMPTY);
+        Ok(Self {
+            config,
+            cell_um: (config.cell_m * 1e6 + 0.5) as i64,
+            window: Window::new(storage.tiles, side),
+            marks: storage.marks,
+            samples: storage.samples,
+            pairs: storage.pairs,
+            image: RangeImage::new(storage.pixels),
+            margins: margin_table(),
+            table: RiskTable::new(config.wheel_radius_mm),
+            datum_um: 0,
+            track: Track::default(),
+            elsewhere: None,
+            frame: 0,
+            misfits: 0,
+            pending_us: 0,
+            sensor_um: [0; 3],
+        })
+    }
+
+    /// Height of the map's datum, micrometres in the world.
+    #[must_use]
+    pub fn datum_um(&self) -> i64 {
+        self.datum_um
+    }
+
+    /// Side of a cell, micrometres.
+    #[must_use]
+    pub fn cell_um(&self) -> i64 {
+        self.cell_um
+    }
+
+    /// The tiles in use, in no particular order.
+    pub fn tiles(&self) -> impl Iterator<Item = &Tile> {
+        self.window.tiles.iter().filter(|tile| tile.in_use)
+    }
+
+    /// The tile at a place.
+    #[must_use]
+    pub fn tile(&self, key: TileKey) -> Option<&Tile> {
+        self.window.tile(key).filter(|tile| tile.in_use)
+    }
+
+    /// Takes one frame in. `dt_us` is the time since the last call; `retired` gets every tile that falls out of the window.
+    pub fn integrate(
+        &mut self,
+        points: &[[f32; 4]],
+        pose: &Pose,
+        dt_us: u32,
+        boxes: &[MovingBox],
+        mut retired: impl FnMut(&Tile),
+    ) -> FrameReport {
+        let mut report = FrameReport::default();
+        report.points.given = points.len().min(u32::MAX as usize) as u32;
+        self.pending_us = self.pending_us.saturating_add(dt_us);
+        if !pose.is_rigid() || pose.position_um.iter().any(|um| um.unsigned_abs() > 4_000_000_000_000) {
+            report.refused = Some(Refusal::Pose);
+            return report;
+        }
+        if !points.iter().any(|p| p.iter().take(3).all(|value| value.is_finite())) {
+            report.refused = Some(Refusal::NoPoints);
+            report.points.not_finite = report.points.given;
+            return report;
+        }
+        if !self.pass_gate(pose, dt_us, &mut report, &mut retired) {
+            return report;
+        }
+        if self.frame == 0 {
+            self.datum_um = pose.position_um[2].div_euclid(250) * 250;
+        }
+        self.sensor_um = pose.position_um;
+        self.move_window(pose, &mut retired);
+
+        let mut projection = Projection::new(pose, self.cell_um, &self.window, self.datum_um);
+        let reach = (self.config.nearest_m, self.config.farthest_m);
+        let (alignment, lift, tilt) =
+            align(points, &projection, &self.window, self.pairs, reach, self.config.cell_m);
+        report.alignment = alignment;
+        if alignment.compared >= 300 && alignment.within.saturating_mul(3) < alignment.compared {
+            self.misfits = self.misfits.saturating_add(1);
+            if self.misfits < 3 {
+                report.refused = Some(Refusal::Misfit);
+                return report;
+            }
+            // Three in a row: the ground is where the frames say, and the map is wrong.
+            self.window.clear(&mut retired);
+            report.restarted = true;
+        } else {
+            projection.correct(lift, tilt);
+        }
+        self.misfits = 0;
+
+        for mark in self.marks.iter_mut() {
+            mark.reset();
+        }
+        self.image.clear();
+        let used = project(
+            points,
+            &projection,
+            &self.config,
+            &self.window,
+            self.samples,
+            self.marks,
+            &mut self.image,
+            &mut report.points,
+        );
+        mark_boxes(boxes, &projection, self.cell_um, pose, &self.window, self.marks);
+        settle_ground(&self.window, self.marks);
+        self.frame = self.frame.wrapping_add(1);
+        self.tell_standing(used, &mut report.points);
+        self.fuse(used, &mut report.points);
+        let stamp = self.stamp();
+        raise(&mut self.window, self.marks, stamp);
+        report.cleared = look_through(
+            &mut self.window,
+            self.marks,
+            &self.image,
+            &projection,
+            pose,
+            &self.config,
+            stamp,
+        );
+        report.refreshed = self.refresh(false);
+        report
+    }
+
+    fn stamp(&self) -> u8 {
+        (self.frame & 255) as u8
+    }
+
+    /// Whether the pose continues the track, or a new one that has proved itself.
+    fn pass_gate(
+        &mut self,
+        pose: &Pose,
+        dt_us: u32,
+        report: &mut FrameReport,
+        retired: &mut impl FnMut(&Tile),
+    ) -> bool {
+        if self.track.advance(pose, self.pending_us) == Step::Continues {
+            self.pending_us = 0;
+            self.elsewhere = None;
+            return true;
+        }
+        // A jump. If this pose continues what the last jump began, the vehicle really is there.
+        let proved = match &mut self.elsewhere {
+            Some(track) => track.advance(pose, dt_us) == Step::Continues,
+            None => false,
+        };
+        if !proved {
+            let mut track = Track::default();
+            track.advance(pose, dt_us);
+            self.elsewhere = Some(track);
+            report.refused = Some(Refusal::Jump);
+            return false;
+        }
+        self.track = self.elsewhere.take().unwrap_or_default();
+        self.pending_us = 0;
+        self.window.clear(retired);
+        report.restarted = true;
+        true
+    }
+
+    fn move_window(&mut self, pose: &Pose, retired: &mut impl FnMut(&Tile)) {
+        let tile_um = self.cell_um.wrapping_mul(16).max(1);
+        let [forward_x, forward_y] = [pose.rotation[0][0], pose.rotation[1][0]];
+        let ahead_um = self.config.ahead_m * 1e6;
+        let key = |position: i64, forward: f32| {
+            let centre = position.wrapping_add((forward * ahead_um) as i64);
+            // Within 4,000 km and tiles of at least 0.8 m: 23 bits.
+            centre.div_euclid(tile_um) as i32
+        };
+        let half = i32::from(self.window.side / 2);
+        let centre = TileKey { x: key(pose.position_um[0], forward_x), y: key(pose.position_um[1], forward_y) };
+        // Wait for two tiles of motion, so that the border does not churn with every wobble of the heading.
+        let origin = TileKey { x: centre.x.wrapping_sub(half), y: centre.y.wrapping_sub(half) };
+        let held = self.window.origin;
+        let near = |a: i32, b: i32| a.wrapping_sub(b).unsigned_abs() <= 1;
+        if self.frame != 0 && near(origin.x, held.x) && near(origin.y, held.y) {
+            return;
+        }
+        self.window.place(origin, retired);
+    }
+
+    fn tell_standing(&mut self, used: usize, counts: &mut PointCounts) {
+        let units = |metres: f32| (metres * super::tile::UNITS_PER_M) as i32;
+        let (tall, overhang) = (units(self.config.tall_above_m), units(self.config.overhang_m));
+        for sample in self.samples.iter_mut().take(used) {
+            let Some(mark) = self.marks.get_mut(usize::from(sample.slot)) else { continue };
+            if Marks::is_set(&mark.boxed, sample.cell) {
+                sample.stands = true;
+                counts.boxed += 1;
+                continue;
+            }
+            let above = mark.above(sample.cell, sample.z);
+            if above > overhang {
+                sample.stands = true;
+                counts.overhead += 1;
+            } else if above > tall {
+                sample.stands = true;
+                counts.standing += 1;
+                mark.hit(sample.cell);
+            }
+        }
+        close_around_hits(&self.window, self.marks);
+    }
+
+    fn fuse(&mut self, used: usize, counts: &mut PointCounts) {
+        let stamp = self.stamp();
+        for sample in self.samples.iter().take(used).filter(|sample| !sample.stands) {
+            let slot = usize::from(sample.slot);
+            let (Some(tile), Some(mark)) = (self.window.tiles.get_mut(slot), self.marks.get(slot)) else { continue };
+            if Marks::is_set(&mark.closed, sample.cell) {
+                counts.beside_standing += 1;
+                continue;
+            }
+            tile.fuse(sample.cell, sample.z, sample.weight, stamp, &self.margins);
+            counts.fused += 1;
+        }
+    }
+
+    /// Tells gradient, relief, risk and class of every tile anew, so that all of them stand on the same heights.
+    pub fn refresh_all(&mut self) {
+        for tile in self.window.tiles.iter_mut() {
+            tile.dirty = tile.in_use;
+        }
+        self.refresh(true);
+        for slot in 0..self.window.tiles.len() {
+            self.classify_slot(slot);
+        }
+    }
+
+    fn refresh(&mut self, all: bool) -> u32 {
+        let every = u32::from(self.config.refresh_every.max(1));
+        let due = |slot: usize, frame: u32| all || (slot as u32).wrapping_add(frame).checked_rem(every) == Some(0);
+        let frame = self.frame;
+        for (slot, tile) in self.window.tiles.iter_mut().enumerate() {
+            if tile.dirty && due(slot, frame) {
+                measure(tile);
+            }
+        }
+        let mut refreshed = 0;
+        for slot in 0..self.window.tiles.len() {
+            let Some(tile) = self.window.tiles.get(slot) else { continue };
+            if !tile.dirty || !due(slot, frame) {
+                continue;
+            }
+            let key = tile.key;
+            let rise = pool(&self.window, key);
+            let Some(tile) = self.window.tiles.get(slot) else { continue };
+            let patch = Patch::gather(&self.window, tile);
+            let relief = match rise {
+                Some(rise) if !patch.is_empty() => Some(self.relief_on_slopes(&patch, key, rise)),
+                _ => None,
+            };
+            if let Some(tile) = self.window.tiles.get_mut(slot) {
+                tile.dirty = false;
+                tile.rise = rise.unwrap_or(tile.rise);
+                store(tile, relief.as_ref(), &self.table);
+                refreshed += 1;
+            }
+        }
+        refreshed
+    }
+
+    /// Relief under the tile's gradient, or under a neighbour's where that explains the heights better: where a ramp
+    /// begins, half of a tile lies on one slope and half on the other, and neither is a step.
+    fn relief_on_slopes(&self, patch: &Patch, key: TileKey, rise: [i16; 2]) -> Relief {
+        let mut relief = patch.relief(rise);
+        // 1 cm: half of the mildest step that matters, and nothing a neighbour's gradient could undo.
+        if relief.iter().flatten().all(|relief| *relief < 60) {
+            return relief;
+        }
+        let mut tried = [rise; 5];
+        let mut count = 1;
+        for (dx, dy) in [(-1, 0), (1, 0), (0, -1), (0, 1)] {
+            let near = TileKey { x: key.x.wrapping_add(dx), y: key.y.wrapping_add(dy) };
+            let Some(other) = self.window.tile(near).filter(|tile| tile.known >= 12) else { continue };
+            // Gradients that differ by less than 1.5 % (24 units over 0.4 m) are the same.
+            let fresh = tried.iter().take(count).all(|held| {
+                held.iter().zip(other.rise).any(|(a, b)| a.saturating_sub(b).unsigned_abs() > 24)
+            });
+            if !fresh {
+                continue;
+            }
+            if let Some(entry) = tried.get_mut(count) {
+                *entry = other.rise;
+                count += 1;
+            }
+            let again = patch.relief(other.rise);
+            for (held, new) in relief.iter_mut().flatten().zip(again.iter().flatten()) {
+                *held = (*held).min(*new);
+            }
+        }
+        relief
+    }
+
+    fn classify_slot(&mut self, slot: usize) {
+        let Some(tile) = self.window.tiles.get(slot) else { return };
+        if !tile.in_use || !tile.unclassified {
+            return;
+        }
+        let tile_um = self.cell_um.wrapping_mul(16).max(1);
+        let vehicle = [
+            (self.sensor_um[0] - i64::from(tile.key.x).wrapping_mul(tile_um)) / self.cell_um.max(1),
+            (self.sensor_um[1] - i64::from(tile.key.y).wrapping_mul(tile_um)) / self.cell_um.max(1),
+        ]
+        .map(|cells| cells.clamp(-100_000, 100_000) as i32);
+        let classes = classify(&self.window, tile, vehicle);
+        if let Some(tile) = self.window.tiles.get_mut(slot) {
+            tile.class = classes;
+            tile.unclassified = false;
+        }
+    }
+}
+
+fn store(tile: &mut Tile, relief: Option<&Relief>, table: &RiskTable) {
+    for row in 0..TILE_SIDE {
+        for column in 0..TILE_SIDE {
+            let index = row * TILE_SIDE + column;
+            let relief = relief.map_or(i16::MIN, |relief| relief[row][column]);
+            let risk = if tile.tall[index] >= TALL_CERTAIN { 255 } else { table.of(relief) };
+            tile.risk[index] = risk;
+        }
+    }
+    tile.unclassified = true;
+}

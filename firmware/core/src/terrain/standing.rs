@@ -1,0 +1,133 @@
+//! Things that stand: raised by hits, struck when the sensor looks through them.
+//!
+//! A mark is struck when the rays through the cell's volume end behind it and none of its 3 x 3 cells is hit. Around a struck
+//! mark, what the last two seconds wrote above the tile's ground is emptied too: it was the body's lower edge.
+
+use super::config::TerrainConfig;
+use super::geometry::Pose;
+use super::marks::Marks;
+use super::project::Projection;
+use super::sight::RangeImage;
+use super::tile::{TILE_SIDE, Tile, TileKey, UNITS_PER_M};
+use super::window::Window;
+
+/// Hits that a cell counts: more only make it slower to strike.
+const MOST: u8 = 3;
+/// Pixels that must end behind a cell before it is struck.
+const THROUGH: u32 = 2;
+/// Frames that count as recent.
+const RECENT: u8 = 20;
+/// Height above the tile's ground from which recent content is taken for the body's edge: 4 cm.
+const EDGE: i32 = 160;
+
+/// Counts this frame's hits into the tiles.
+pub(crate) fn raise(window: &mut Window<'_>, marks: &[Marks], stamp: u8) {
+    for (tile, mark) in window.tiles.iter_mut().zip(marks).filter(|(_, mark)| mark.any_hit) {
+        tile.in_use = true;
+        tile.has_tall = true;
+        tile.dirty = true;
+        for (index, tall) in tile.tall.iter_mut().enumerate() {
+            if Marks::is_set(&mark.hits, index as u8) {
+                *tall = tall.saturating_add(1).min(MOST);
+                tile.stamp[index & 255] = stamp;
+            }
+        }
+    }
+}
+
+/// Strikes what the frame sees through; returns how many cells lost their mark.
+pub(crate) fn look_through(
+    window: &mut Window<'_>,
+    marks: &[Marks],
+    image: &RangeImage<'_>,
+    projection: &Projection,
+    pose: &Pose,
+    config: &TerrainConfig,
+    stamp: u8,
+) -> u32 {
+    let mut struck = 0;
+    for slot in 0..window.tiles.len() {
+        let (Some(tile), Some(mark)) = (window.tiles.get(slot), marks.get(slot)) else { continue };
+        if !tile.has_tall {
+            continue;
+        }
+        let key = tile.key;
+        let mut gone = [0u16; TILE_SIDE];
+        let mut left = false;
+        let column0 = key.x.wrapping_sub(window.origin.x).wrapping_mul(16) as f32 - projection.origin[0];
+        let row0 = key.y.wrapping_sub(window.origin.y).wrapping_mul(16) as f32 - projection.origin[1];
+        let ground = tile.base.saturating_add(i32::from(tile.ground)).wrapping_sub(projection.sensor_height()) as f32;
+        for (index, tall) in tile.tall.iter().enumerate() {
+            if *tall == 0 {
+                continue;
+            }
+            let (column, row) = (index & 15, index >> 4);
+            if hit_near(mark, column, row) {
+                left = true;
+                continue;
+            }
+            let offset = [column0 + column as f32 + 0.5, row0 + row as f32 + 0.5];
+            let foot = ground + (config.tall_above_m + 0.1) * UNITS_PER_M;
+            let head = ground + 1.6 * UNITS_PER_M;
+            let foot = projection.to_sensor(offset, foot, pose, config.cell_m);
+            let head = projection.to_sensor(offset, head, pose, config.cell_m);
+            let (beyond, blocked) = image.through(foot, head);
+            if beyond >= THROUGH && beyond > 2 * blocked {
+                gone[row & 15] |= 1 << column;
+                struck += 1;
+            } else {
+                left = true;
+            }
+        }
+        if gone != [0; TILE_SIDE] {
+            strike(window, key, &gone, stamp);
+        }
+        if let Some(tile) = window.tiles.get_mut(slot) {
+            tile.has_tall = left;
+        }
+    }
+    struck
+}
+
+/// Whether one of the cell's 3 x 3, within its tile, is hit in this frame.
+fn hit_near(mark: &Marks, column: usize, row: usize) -> bool {
+    if !mark.any_hit {
+        return false;
+    }
+    let mask = (0b111u32 << column >> 1) as u16;
+    let from = row.saturating_sub(1);
+    mark.hits.iter().skip(from).take(row + 2 - from).any(|word| word & mask != 0)
+}
+
+fn strike(window: &mut Window<'_>, key: TileKey, gone: &[u16; TILE_SIDE], stamp: u8) {
+    for row in 0..TILE_SIDE as i32 {
+        let word = gone[(row & 15) as usize];
+        if word == 0 {
+            continue;
+        }
+        for column in (0..TILE_SIDE as i32).filter(|column| word >> column & 1 != 0) {
+            if let Some(tile) = window.tile_mut(key) {
+                tile.tall[((row << 4 | column) & 255) as usize] = 0;
+                tile.dirty = true;
+            }
+            for dy in -2..=2 {
+                for dx in -2..=2 {
+                    let (x, y) = (column + dx, row + dy);
+                    let near = TileKey { x: key.x.wrapping_add(x >> 4), y: key.y.wrapping_add(y >> 4) };
+                    if let Some(tile) = window.tile_mut(near) {
+                        empty_if_edge(tile, ((y & 15) << 4 | (x & 15)) as u8, stamp);
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn empty_if_edge(tile: &mut Tile, cell: u8, stamp: u8) {
+    let index = usize::from(cell);
+    let recent = stamp.wrapping_sub(tile.stamp[index]) <= RECENT;
+    let above = i32::from(tile.height[index]) - i32::from(tile.ground);
+    if recent && tile.margin[index] != 0 && above > EDGE {
+        tile.clear(cell);
+    }
+}

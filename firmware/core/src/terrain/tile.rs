@@ -1,0 +1,278 @@
+//! Cells of the elevation map, in tiles of 16 x 16.
+//!
+//! A cell takes eight bytes: height, weight, margin, scatter, stamp and tall counter, each in a plane of its own so
+//! that the differentiation reads whole rows of one quantity. Heights are quarter millimetres above the tile's own
+//! datum, +/-8 m, which a 1.6 m tile cannot exceed; weights are 4096 / variance in mm^2, so that a weight of 16 is a
+//! sigma of 16 mm and the cap of 4096 a sigma of 1 mm: capped, so that the map follows a road that changes.
+//! Two more bytes hold what is derived from the cell: risk and class.
+
+/// Cells along a tile's side.
+pub const TILE_SIDE: usize = 16;
+/// Cells in a tile.
+pub const TILE_CELLS: usize = TILE_SIDE * TILE_SIDE;
+/// Quarter millimetres in a metre: the unit of heights.
+pub const UNITS_PER_M: f32 = 4000.0;
+/// Weight of one square millimetre of variance.
+pub(crate) const WEIGHT_ONE: f32 = 4096.0;
+/// Largest weight of a cell: sigma 1 mm.
+pub(crate) const WEIGHT_CAP: u16 = 4096;
+/// A point that lies this far below its cell restarts it: the cell held something that has gone. 0.25 m.
+const RESTART_BELOW: i32 = 1000;
+/// A point this far above its cell is not the same surface. 0.25 m.
+const FOREIGN_ABOVE: i32 = 1000;
+/// Scatter, in mm, from which a contradicted cell starts again.
+const SCATTER_RESTART: u8 = 150;
+
+/// Position of a tile in the world: its lowest corner divided by its side.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct TileKey {
+    /// Towards east (world x).
+    pub x: i32,
+    /// Towards north (world y).
+    pub y: i32,
+}
+
+/// What a risky place is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[repr(u8)]
+pub enum Class {
+    /// Nothing a wheel would notice.
+    #[default]
+    Free = 0,
+    /// A step up, seen from the vehicle.
+    Curb = 1,
+    /// Higher than the ground on both of its sides.
+    Bump = 2,
+    /// A step down, or a hole.
+    Drop = 3,
+    /// Risky, of no shape that can be told.
+    Unknown = 4,
+    /// Something that stands up from the ground by more than a wheel could be asked to climb.
+    Tall = 5,
+}
+
+impl Class {
+    /// The name in tables.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Free => "free",
+            Self::Curb => "curb",
+            Self::Bump => "bump",
+            Self::Drop => "drop",
+            Self::Unknown => "unknown",
+            Self::Tall => "tall",
+        }
+    }
+
+    /// The class stored in the low three bits of a byte.
+    #[must_use]
+    pub const fn from_bits(bits: u8) -> Self {
+        match bits & 7 {
+            0 => Self::Free,
+            1 => Self::Curb,
+            2 => Self::Bump,
+            3 => Self::Drop,
+            5 => Self::Tall,
+            _ => Self::Unknown,
+        }
+    }
+}
+
+/// A tile of the map. 2.6 KB.
+#[derive(Clone)]
+pub struct Tile {
+    pub(crate) key: TileKey,
+    /// Height of the cells' zero, quarter millimetres above the map's datum.
+    pub(crate) base: i32,
+    /// Mean height of the known cells above the base, and how many there are (as of the last refresh).
+    pub(crate) ground: i16,
+    pub(crate) known: u16,
+    /// Median rise over four cells towards x and y within this tile, and the pairs behind each.
+    pub(crate) own_rise: [i16; 2],
+    pub(crate) pairs: [u8; 2],
+    /// The same pooled over the neighbourhood: what the differentiation takes out.
+    pub(crate) rise: [i16; 2],
+    pub(crate) in_use: bool,
+    pub(crate) dirty: bool,
+    pub(crate) has_tall: bool,
+    /// Some cell's risk changed since the classes were told.
+    pub(crate) unclassified: bool,
+    pub(crate) height: [i16; TILE_CELLS],
+    pub(crate) weight: [u16; TILE_CELLS],
+    /// Seven tenths of the cell's sigma in quarter millimetres; 0 says that nothing is known.
+    pub(crate) margin: [u8; TILE_CELLS],
+    /// Running mean of |point - cell|, mm.
+    pub(crate) scatter: [u8; TILE_CELLS],
+    /// Low byte of the number of the frame that last touched the cell.
+    pub(crate) stamp: [u8; TILE_CELLS],
+    pub(crate) tall: [u8; TILE_CELLS],
+    pub(crate) risk: [u8; TILE_CELLS],
+    /// Class in the low three bits, confidence 0-31 above.
+    pub(crate) class: [u8; TILE_CELLS],
+}
+
+impl Tile {
+    /// A tile that holds nothing.
+    pub const EMPTY: Self = Self {
+        key: TileKey { x: 0, y: 0 },
+        base: 0,
+        ground: 0,
+        known: 0,
+        own_rise: [0; 2],
+        pairs: [0; 2],
+        rise: [0; 2],
+        in_use: false,
+        dirty: false,
+        has_tall: false,
+        unclassified: false,
+        height: [0; TILE_CELLS],
+        weight: [0; TILE_CELLS],
+        margin: [0; TILE_CELLS],
+        scatter: [0; TILE_CELLS],
+        stamp: [0; TILE_CELLS],
+        tall: [0; TILE_CELLS],
+        risk: [0; TILE_CELLS],
+        class: [0; TILE_CELLS],
+    };
+
+    /// Forgets everything and takes a place.
+    pub(crate) fn restart(&mut self, key: TileKey) {
+        *self = Self::EMPTY;
+        self.key = key;
+    }
+
+    /// Where the tile lies.
+    #[must_use]
+    pub fn key(&self) -> TileKey {
+        self.key
+    }
+
+    /// Whether anything was ever written to it.
+    #[must_use]
+    pub fn in_use(&self) -> bool {
+        self.in_use
+    }
+
+    /// A cell of the tile: `column` towards x, `row` towards y, both taken modulo 16.
+    #[must_use]
+    pub fn cell(&self, column: usize, row: usize) -> Cell {
+        let index = (row & 15) << 4 | (column & 15);
+        Cell {
+            height: (self.margin[index] != 0).then(|| self.base.saturating_add(i32::from(self.height[index]))),
+            weight: self.weight[index],
+            scatter_mm: self.scatter[index],
+            tall: self.tall[index] >= TALL_CERTAIN,
+            risk: self.risk[index],
+            class: Class::from_bits(self.class[index]),
+            confidence: self.class[index] >> 3,
+        }
+    }
+
+    /// Minimum-variance update of a cell with one point. `z` is above the map's datum.
+    #[inline]
+    pub(crate) fn fuse(&mut self, cell: u8, z: i32, weight: u16, stamp: u8, margins: &[u8; 256]) {
+        let index = usize::from(cell);
+        if !self.in_use {
+            self.in_use = true;
+            self.base = z;
+        }
+        let Ok(relative) = i16::try_from(z.wrapping_sub(self.base)) else {
+            // More than 8 m from the tile's first point: no ground of the same 1.6 m.
+            return;
+        };
+        self.dirty = true;
+        self.stamp[index] = stamp;
+        let held = self.height[index];
+        let difference = i32::from(relative) - i32::from(held);
+        let scatter = self.scatter[index];
+        if self.margin[index] == 0 || difference < -RESTART_BELOW {
+            self.set(index, relative, weight, margins);
+            return;
+        }
+        if difference > FOREIGN_ABOVE {
+            // A cell made by a stray low point must not hold out against the ground above it for ever.
+            self.scatter[index] = scatter.saturating_add(60);
+            if self.scatter[index] > SCATTER_RESTART {
+                self.set(index, relative, weight, margins);
+            }
+            return;
+        }
+        let old = self.weight[index];
+        let sum = old.saturating_add(weight).min(WEIGHT_CAP);
+        let gain = f32::from(weight) / (f32::from(old) + f32::from(weight));
+        let moved = difference as f32 * gain;
+        // Rounded half away from zero: |moved| <= 1000, so the sum stays within the tile's range.
+        let step = if moved >= 0.0 { (moved + 0.5) as i32 } else { (moved - 0.5) as i32 };
+        self.height[index] = (i32::from(held) + step).clamp(-32_000, 32_000) as i16;
+        self.weight[index] = sum;
+        let off = (difference.unsigned_abs() >> 2).min(255) as i32;
+        let spread = i32::from(scatter) + ((off - i32::from(scatter) + 4) >> 3);
+        self.scatter[index] = spread.clamp(0, 255) as u8;
+        self.margin[index] = margin(sum, self.scatter[index], margins);
+    }
+
+    fn set(&mut self, index: usize, height: i16, weight: u16, margins: &[u8; 256]) {
+        let index = index & 255;
+        self.height[index] = height.clamp(-32_000, 32_000);
+        self.weight[index] = weight;
+        self.scatter[index] = 0;
+        self.margin[index] = margin(weight, 0, margins);
+    }
+
+    /// Empties a cell.
+    pub(crate) fn clear(&mut self, cell: u8) {
+        let index = usize::from(cell);
+        self.weight[index] = 0;
+        self.margin[index] = 0;
+        self.scatter[index] = 0;
+        self.dirty = true;
+    }
+}
+
+/// Tall hits from which a cell counts as tall: one may be dust.
+pub(crate) const TALL_CERTAIN: u8 = 2;
+
+#[inline]
+fn margin(weight: u16, scatter: u8, margins: &[u8; 256]) -> u8 {
+    let index = usize::from((weight >> 4).min(255));
+    let own = if weight < 16 { 45 } else { margins[index & 255] };
+    own.saturating_add(scatter)
+}
+
+/// 0.7 sigma in quarter millimetres by weight / 16; never 0, which means unknown.
+pub(crate) fn margin_table() -> [u8; 256] {
+    let mut table = [45; 256];
+    for (index, entry) in table.iter_mut().enumerate().skip(1) {
+        let sigma_mm = libm::sqrtf(WEIGHT_ONE / (index as f32 * 16.0 + 8.0));
+        *entry = (0.7 * 4.0 * sigma_mm + 0.5).clamp(1.0, 255.0) as u8;
+    }
+    table
+}
+
+/// What the map knows of one place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cell {
+    /// Quarter millimetres above the map's datum; none where no ground was seen.
+    pub height: Option<i32>,
+    /// 4096 / variance in mm^2.
+    pub weight: u16,
+    /// Running mean of the points' distance from the cell's height, mm.
+    pub scatter_mm: u8,
+    /// Something stands here.
+    pub tall: bool,
+    /// 0 to 255: driving risk 0 to 1.
+    pub risk: u8,
+    /// What it is.
+    pub class: Class,
+    /// How sure the class is, 0 to 31.
+    pub confidence: u8,
+}
+
+impl Cell {
+    /// Variance of the height, mm^2; none where no ground was seen.
+    #[must_use]
+    pub fn variance_mm2(&self) -> Option<f32> {
+        self.height.is_some().then(|| WEIGHT_ONE / f32::from(self.weight.max(1)))
+    }
+}

@@ -1,0 +1,145 @@
+//! The rolling window: tiles of the world on a torus of slots, so that driving on never copies a cell.
+//!
+//! A tile's slot is its world position modulo the window's side. When the window moves, tiles that fall out are handed
+//! to the caller and their slots are emptied for what comes in: memory is constant however long the drive.
+
+use super::tile::{Tile, TileKey};
+
+pub(crate) struct Window<'a> {
+    pub(crate) tiles: &'a mut [Tile],
+    /// Tiles along a side, at least 1.
+    pub(crate) side: u16,
+    /// The tile in the window's lowest corner.
+    pub(crate) origin: TileKey,
+    placed: bool,
+}
+
+impl<'a> Window<'a> {
+    /// `tiles` must hold `side` x `side` of them; the caller has checked it.
+    pub(crate) fn new(tiles: &'a mut [Tile], side: u16) -> Self {
+        for tile in tiles.iter_mut() {
+            *tile = Tile::EMPTY;
+        }
+        Self { tiles, side: side.max(1), origin: TileKey::default(), placed: false }
+    }
+
+    /// Moves the window so that `origin` is its lowest corner.
+    pub(crate) fn place(&mut self, origin: TileKey, mut retired: impl FnMut(&Tile)) {
+        if self.placed && origin == self.origin {
+            return;
+        }
+        self.origin = origin;
+        self.placed = true;
+        let side = i32::from(self.side);
+        for (row, tiles) in self.tiles.chunks_mut(usize::from(self.side)).enumerate() {
+            let y = key_in_window(row as i32, origin.y, side);
+            for (column, tile) in tiles.iter_mut().enumerate() {
+                let key = TileKey { x: key_in_window(column as i32, origin.x, side), y };
+                if tile.key != key || !tile.in_use {
+                    if tile.in_use {
+                        retired(tile);
+                    }
+                    tile.restart(key);
+                }
+            }
+        }
+    }
+
+    /// Empties every tile, handing over those in use.
+    pub(crate) fn clear(&mut self, mut retired: impl FnMut(&Tile)) {
+        for tile in self.tiles.iter_mut().filter(|tile| tile.in_use) {
+            retired(tile);
+            let key = tile.key;
+            tile.restart(key);
+        }
+    }
+
+    /// The slot of a tile given relative to the window's lowest corner; any slot if it lies outside.
+    #[inline]
+    pub(crate) fn slot(&self, column: u32, row: u32) -> usize {
+        let side = u32::from(self.side);
+        let x = wrap(column.wrapping_add(self.corner_slot(self.origin.x)), side);
+        let y = wrap(row.wrapping_add(self.corner_slot(self.origin.y)), side);
+        (y.wrapping_mul(side).wrapping_add(x)) as usize
+    }
+
+    /// The slot of the window's lowest corner along one axis.
+    pub(crate) fn corner_slot(&self, origin: i32) -> u32 {
+        // rem_euclid by a positive number: 0 to side - 1. The side is at least 1.
+        origin.checked_rem_euclid(i32::from(self.side)).unwrap_or(0) as u32
+    }
+
+    /// The tile at a world position, if the window covers it.
+    pub(crate) fn tile(&self, key: TileKey) -> Option<&Tile> {
+        let column = key.x.wrapping_sub(self.origin.x) as u32;
+        let row = key.y.wrapping_sub(self.origin.y) as u32;
+        let side = u32::from(self.side);
+        if column >= side || row >= side {
+            return None;
+        }
+        self.tiles.get(self.slot(column, row))
+    }
+
+    /// The same, to change it.
+    pub(crate) fn tile_mut(&mut self, key: TileKey) -> Option<&mut Tile> {
+        let column = key.x.wrapping_sub(self.origin.x) as u32;
+        let row = key.y.wrapping_sub(self.origin.y) as u32;
+        let side = u32::from(self.side);
+        if column >= side || row >= side {
+            return None;
+        }
+        let slot = self.slot(column, row);
+        self.tiles.get_mut(slot)
+    }
+}
+
+/// `value` modulo `side` for a value below 2 x side.
+#[inline]
+fn wrap(value: u32, side: u32) -> u32 {
+    if value >= side { value.wrapping_sub(side) } else { value }
+}
+
+/// The one position congruent to `slot` modulo `side` within a window that starts at `origin`.
+fn key_in_window(slot: i32, origin: i32, side: i32) -> i32 {
+    let into = slot.wrapping_sub(origin).checked_rem_euclid(side).unwrap_or(0);
+    origin.wrapping_add(into)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_tile_of_the_window_has_a_slot_of_its_own_wherever_the_window_lies() {
+        extern crate std;
+        let mut tiles = std::vec![Tile::EMPTY; 25];
+        let mut window = Window::new(&mut tiles, 5);
+        for (x, y) in [(0, 0), (1, 0), (-7, 3), (1_000_003, -999_999), (-3, -3)] {
+            window.place(TileKey { x, y }, |_| {});
+            for dy in 0..5 {
+                for dx in 0..5 {
+                    let key = TileKey { x: x + dx, y: y + dy };
+                    assert_eq!(window.tile(key).map(Tile::key), Some(key));
+                }
+            }
+            assert!(window.tile(TileKey { x: x + 5, y }).is_none());
+            assert!(window.tile(TileKey { x: x - 1, y }).is_none());
+        }
+    }
+
+    #[test]
+    fn a_tile_survives_while_the_window_covers_it_and_is_handed_over_once_when_it_does_not() {
+        extern crate std;
+        let mut tiles = std::vec![Tile::EMPTY; 25];
+        let mut window = Window::new(&mut tiles, 5);
+        window.place(TileKey { x: -2, y: -2 }, |_| {});
+        let table = super::super::tile::margin_table();
+        let key = TileKey { x: 1, y: 2 };
+        window.tile_mut(key).unwrap().fuse(17, 4000, 100, 0, &table);
+        let mut retired = std::vec::Vec::new();
+        for x in -1..8 {
+            window.place(TileKey { x, y: -2 }, |tile| retired.push((x, tile.key())));
+        }
+        assert_eq!(retired, [(2, key)]);
+    }
+}
