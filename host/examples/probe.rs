@@ -51,8 +51,8 @@ fn main() {
         if k % 7 == 0 || r.refused.is_some() { println!("{k} {:.2} ms {r:?}", times[k]); }
     }
     times.sort_by(f64::total_cmp);
-    println!("median {:.2} ms", times[times.len()/2]);
-    m.refresh();
+    println!("median {:.2} ms min {:.2}", times[times.len()/2], times[0]);
+    let t = Instant::now(); m.refresh(); println!("refresh {:?}", t.elapsed());
     // evaluate
     let st = scene.station((frames.len()-1) as f64 * 0.1);
     let mut occs = vec![];

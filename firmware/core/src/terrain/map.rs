@@ -7,7 +7,7 @@
 
 use super::align::{Alignment, Pair, align};
 use super::boxes::{MovingBox, mark_boxes};
-use super::classify::classify;
+use super::classify::{Outlook, classify};
 use super::config::TerrainConfig;
 use super::geometry::{Pose, Step, Track};
 use super::marks::{Marks, close_around_hits, settle_ground};
@@ -28,7 +28,7 @@ pub struct Storage<'a> {
     pub marks: &'a mut [Marks],
     /// One for each point of the largest frame.
     pub samples: &'a mut [Sample],
-    /// At least 256; 10,000 are enough for any frame.
+    /// At least 256; 5,000 are enough for any frame.
     pub pairs: &'a mut [Pair],
     /// The range image.
     pub pixels: &'a mut RangePixels,
@@ -96,6 +96,7 @@ pub struct TerrainMap<'a> {
     misfits: u8,
     pending_us: u32,
     sensor_um: [i64; 3],
+    forward: [f32; 2],
 }
 
 impl<'a> TerrainMap<'a> {
@@ -135,6 +136,7 @@ impl<'a> TerrainMap<'a> {
             misfits: 0,
             pending_us: 0,
             sensor_um: [0; 3],
+            forward: [1.0, 0.0],
         })
     }
 
@@ -189,11 +191,12 @@ impl<'a> TerrainMap<'a> {
             self.datum_um = pose.position_um[2].div_euclid(250) * 250;
         }
         self.sensor_um = pose.position_um;
+        self.forward = [pose.rotation[0][0], pose.rotation[1][0]];
         self.move_window(pose, &mut retired);
 
         let mut projection = Projection::new(pose, self.cell_um, &self.window, self.datum_um);
         let reach = (self.config.nearest_m, self.config.farthest_m);
-        let (alignment, lift, tilt) =
+        let (alignment, correction) =
             align(points, &projection, &self.window, self.pairs, reach, self.config.cell_m);
         report.alignment = alignment;
         if alignment.compared >= 300 && alignment.within.saturating_mul(3) < alignment.compared {
@@ -206,7 +209,7 @@ impl<'a> TerrainMap<'a> {
             self.window.clear(&mut retired);
             report.restarted = true;
         } else {
-            projection.correct(lift, tilt);
+            projection.correct(&correction);
         }
         self.misfits = 0;
 
@@ -386,26 +389,22 @@ impl<'a> TerrainMap<'a> {
     /// begins, half of a tile lies on one slope and half on the other, and neither is a step.
     fn relief_on_slopes(&self, patch: &Patch, key: TileKey, rise: [i16; 2]) -> Relief {
         let mut relief = patch.relief(rise);
-        // 1 cm: half of the mildest step that matters, and nothing a neighbour's gradient could undo.
-        if relief.iter().flatten().all(|relief| *relief < 60) {
+        // 3 cm: below it nothing asks to slow down.
+        if relief.iter().flatten().all(|relief| *relief < 120) {
             return relief;
         }
-        let mut tried = [rise; 5];
+        let mut tried = [rise; 3];
         let mut count = 1;
         for (dx, dy) in [(-1, 0), (1, 0), (0, -1), (0, 1)] {
             let near = TileKey { x: key.x.wrapping_add(dx), y: key.y.wrapping_add(dy) };
             let Some(other) = self.window.tile(near).filter(|tile| tile.known >= 12) else { continue };
-            // Gradients that differ by less than 1.5 % (24 units over 0.4 m) are the same.
+            // Gradients that differ by less than 2.5 % (40 units over 0.4 m) are the same.
             let fresh = tried.iter().take(count).all(|held| {
-                held.iter().zip(other.rise).any(|(a, b)| a.saturating_sub(b).unsigned_abs() > 24)
+                held.iter().zip(other.rise).any(|(a, b)| a.saturating_sub(b).unsigned_abs() > 40)
             });
-            if !fresh {
-                continue;
-            }
-            if let Some(entry) = tried.get_mut(count) {
-                *entry = other.rise;
-                count += 1;
-            }
+            let Some(entry) = tried.get_mut(count).filter(|_| fresh) else { continue };
+            *entry = other.rise;
+            count += 1;
             let again = patch.relief(other.rise);
             for (held, new) in relief.iter_mut().flatten().zip(again.iter().flatten()) {
                 *held = (*held).min(*new);
@@ -420,12 +419,13 @@ impl<'a> TerrainMap<'a> {
             return;
         }
         let tile_um = self.cell_um.wrapping_mul(16).max(1);
-        let vehicle = [
-            (self.sensor_um[0] - i64::from(tile.key.x).wrapping_mul(tile_um)) / self.cell_um.max(1),
-            (self.sensor_um[1] - i64::from(tile.key.y).wrapping_mul(tile_um)) / self.cell_um.max(1),
-        ]
-        .map(|cells| cells.clamp(-100_000, 100_000) as i32);
-        let classes = classify(&self.window, tile, vehicle);
+        let from_corner = |axis: usize, key: i32| {
+            let corner = tile_um.wrapping_mul(i64::from(key));
+            let position = self.sensor_um.get(axis).copied().unwrap_or(0);
+            position.wrapping_sub(corner) as f32 / self.cell_um.max(1) as f32
+        };
+        let at = [from_corner(0, tile.key.x), from_corner(1, tile.key.y)];
+        let classes = classify(&self.window, tile, Outlook { at, forward: self.forward });
         if let Some(tile) = self.window.tiles.get_mut(slot) {
             tile.class = classes;
             tile.unclassified = false;

@@ -3,6 +3,7 @@
 //! A point's height variance is (floor)^2 + (tilt x range)^2 + (range sigma x fall / range)^2: what alignment leaves
 //! at the sensor, what it leaves of pitch and roll, and the range noise as it shows on ground seen at that incidence.
 
+use super::align::{Correction, turn};
 use super::config::TerrainConfig;
 use super::geometry::{Pose, dot};
 use super::marks::Marks;
@@ -29,6 +30,9 @@ pub(crate) struct Projection {
     y: [f32; 3],
     /// Sensor axes to height in quarter millimetres.
     z: [f32; 3],
+    /// Change of the two over a turn of the sensor.
+    z_rate: [f32; 3],
+    lift_rate: f32,
     pub(crate) origin: [f32; 2],
     /// Sensor height above the datum: whole units and the rest.
     whole: i32,
@@ -74,6 +78,8 @@ impl Projection {
             x: row(pose.rotation[0], scale),
             y: row(pose.rotation[1], scale),
             z: row(pose.rotation[2], UNITS_PER_M),
+            z_rate: [0.0; 3],
+            lift_rate: 0.0,
             origin: [into(pose.position_um[0], window.origin.x), into(pose.position_um[1], window.origin.y)],
             whole: whole as i32,
             rest: up.rem_euclid(250) as f32 / 250.0,
@@ -85,11 +91,13 @@ impl Projection {
         self.whole
     }
 
-    /// Raises and tilts what follows: `lift` in units, `tilt` in units a cell towards x and y from the sensor.
-    pub(crate) fn correct(&mut self, lift: f32, tilt: [f32; 2]) {
-        self.rest += lift;
+    /// Raises and tilts what follows.
+    pub(crate) fn correct(&mut self, by: &Correction) {
+        self.rest += by.lift;
+        self.lift_rate = by.lift_rate;
         for axis in 0..3 {
-            self.z[axis] += tilt[0] * self.x[axis] + tilt[1] * self.y[axis];
+            self.z[axis] += by.tilt[0] * self.x[axis] + by.tilt[1] * self.y[axis];
+            self.z_rate[axis] = by.tilt_rate[0] * self.x[axis] + by.tilt_rate[1] * self.y[axis];
         }
     }
 
@@ -97,7 +105,7 @@ impl Projection {
     #[inline]
     pub(crate) fn apply(&self, p: [f32; 3]) -> ([f32; 2], i32) {
         let offset = [dot(self.x, p), dot(self.y, p)];
-        let up = dot(self.z, p) + self.rest;
+        let up = dot(self.z, p) + self.rest + turn(p) * (dot(self.z_rate, p) + self.lift_rate);
         let rounded = if up >= 0.0 { up + 0.5 } else { up - 0.5 };
         (offset, self.whole.saturating_add(rounded as i32))
     }

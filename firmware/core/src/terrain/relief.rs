@@ -20,13 +20,15 @@ const FLOW: usize = 3;
 const NO_HIGH: i16 = i16::MIN;
 const NO_LOW: i16 = i16::MAX;
 
-type Plane = [[i16; WIDTH]; ROWS];
+type Row = [i16; WIDTH];
+type Plane = [Row; ROWS];
 
 /// Heights and margins of a tile and its surroundings, above the tile's base.
 pub(crate) struct Patch {
     height: Plane,
-    /// 0 where nothing is known.
     margin: Plane,
+    /// All ones where the cell is known, 0 where it is empty.
+    known: Plane,
     all_known: bool,
     any_known: bool,
 }
@@ -37,7 +39,7 @@ pub(crate) type Relief = [[i16; TILE_SIDE]; TILE_SIDE];
 impl Patch {
     pub(crate) fn gather(window: &Window<'_>, tile: &Tile) -> Self {
         let mut patch =
-            Self { height: [[0; WIDTH]; ROWS], margin: [[0; WIDTH]; ROWS], all_known: true, any_known: false };
+            Self { height: [[0; WIDTH]; ROWS], margin: [[0; WIDTH]; ROWS], known: [[0; WIDTH]; ROWS], all_known: true, any_known: false };
         for (dy, rows) in [(-1, 0..HALO), (0, HALO..HALO + TILE_SIDE), (1, HALO + TILE_SIDE..ROWS)] {
             for (dx, columns) in [(-1, 0..HALO), (0, HALO..HALO + TILE_SIDE), (1, HALO + TILE_SIDE..2 * HALO + TILE_SIDE)]
             {
@@ -52,6 +54,11 @@ impl Patch {
                     continue;
                 }
                 patch.copy(source, shift as i16, dx, dy, rows.clone(), columns);
+            }
+        }
+        for (known, margins) in patch.known.iter_mut().zip(&patch.margin) {
+            for (known, margin) in known.iter_mut().zip(margins) {
+                *known = -i16::from(*margin != 0);
             }
         }
         patch
@@ -101,75 +108,92 @@ impl Patch {
             planes.zip(high.iter_mut().zip(low.iter_mut())).enumerate()
         {
             let up = (i32::from(rise[1]) * (row as i32 - 13) / 4) as i16;
-            for column in 0..WIDTH {
-                let level = heights[column].saturating_sub(along[column]).saturating_sub(up);
-                let margin = margins[column];
-                let known = margin != 0;
-                high[column] = if known { level.saturating_sub(margin) } else { NO_HIGH };
-                low[column] = if known { level.saturating_add(margin) } else { NO_LOW };
-            }
+            intervals(heights, margins, &along, up, high, low);
         }
         if !self.all_known {
             for _ in 0..FLOW {
-                self.flow(&mut high, NO_HIGH, |a, b| if a > b { a } else { b });
-                self.flow(&mut low, NO_LOW, |a, b| if a < b { a } else { b });
+                self.flow(&mut high, &mut low);
             }
         }
-        let top = window_of_five(&high, NO_HIGH, |a, b| if a > b { a } else { b });
-        let bottom = window_of_five(&low, NO_LOW, |a, b| if a < b { a } else { b });
+        let (mut top, mut bottom): (Plane, Plane) = ([[NO_HIGH; WIDTH]; ROWS], [[NO_LOW; WIDTH]; ROWS]);
+        for ((high, low), (top, bottom)) in high.iter().zip(&low).zip(top.iter_mut().zip(bottom.iter_mut())) {
+            widen_five(high, low, top, bottom);
+        }
         let mut out = [[i16::MIN; TILE_SIDE]; TILE_SIDE];
-        let inner = top.iter().zip(&bottom).zip(high.iter()).skip(HALO);
-        for (out, ((top, bottom), own)) in out.iter_mut().zip(inner) {
-            let cells = top.iter().zip(bottom).zip(own.iter()).skip(HALO);
-            for (out, ((top, bottom), own)) in out.iter_mut().zip(cells) {
-                // Only cells that are known, or that neighbours reach: elsewhere there is nothing to judge.
-                *out = if *own == NO_HIGH { i16::MIN } else { top.saturating_sub(*bottom).max(0) };
-            }
+        for row in 0..TILE_SIDE {
+            // Rows row + 3 to row + 7 of the work area surround row + 5.
+            let five = |plane: &Plane, at: usize| -> Row { plane[row + HALO - 2 + at] };
+            let rows = [0, 1, 2, 3, 4].map(|at| (five(&top, at), five(&bottom, at)));
+            span_of_five(&rows, &high[row + HALO], &mut out[row]);
         }
         out
     }
 
-    /// One step: empty cells take the extreme of their eight neighbours.
-    #[inline(always)]
-    fn flow(&self, plane: &mut Plane, none: i16, pick: impl Fn(i16, i16) -> i16 + Copy) {
-        let mut wide: Plane = [[none; WIDTH]; ROWS];
-        for (wide, row) in wide.iter_mut().zip(plane.iter()) {
-            for ((wide, three), _) in wide.iter_mut().skip(1).zip(row.windows(3)).zip(0..WIDTH - 2) {
-                *wide = pick(pick(three[0], three[1]), three[2]);
-            }
+    /// One step: empty cells take the extremes of their eight neighbours.
+    fn flow(&self, high: &mut Plane, low: &mut Plane) {
+        let mut wide: [(Row, Row); ROWS] = [([NO_HIGH; WIDTH], [NO_LOW; WIDTH]); ROWS];
+        for ((high, low), wide) in high.iter().zip(low.iter()).zip(&mut wide) {
+            widen_three(high, low, &mut wide.0, &mut wide.1);
         }
         for row in 0..ROWS {
-            let above = &wide[row.saturating_sub(1)];
-            let here = &wide[row];
-            let below = &wide[if row + 1 == ROWS { row } else { row + 1 }];
-            let (out, margins) = (&mut plane[row], &self.margin[row]);
-            for column in 0..WIDTH {
-                let reached = pick(pick(above[column], here[column]), below[column]);
-                // A select and not a branch: the store must be unconditional to become a vector store.
-                out[column] = if margins[column] == 0 { reached } else { out[column] };
-            }
+            let around = [&wide[row.saturating_sub(1)], &wide[row], &wide[if row + 1 == ROWS { row } else { row + 1 }]];
+            fill_empty(around, &self.known[row], &mut high[row], &mut low[row]);
         }
     }
 }
 
-/// Extreme over 5 x 5 cells, valid away from the border.
-#[inline(always)]
-fn window_of_five(plane: &Plane, none: i16, pick: impl Fn(i16, i16) -> i16 + Copy) -> Plane {
-    let mut wide: Plane = [[none; WIDTH]; ROWS];
-    for (wide, row) in wide.iter_mut().zip(plane) {
-        for column in 0..WIDTH - 4 {
-            let near = pick(row[column + 1], row[column + 3]);
-            let far = pick(row[column], row[column + 4]);
-            wide[column + 2] = pick(pick(near, far), row[column + 2]);
-        }
+// One row each, by reference and never inlined: as loops of their own over 32 words they become vector instructions
+// (four of eight words even without AVX); inlined into the nest above, LLVM leaves them scalar, 30 times slower.
+
+/// Heights less the gradient, drawn in by their margins.
+#[inline(never)]
+fn intervals(heights: &Row, margins: &Row, along: &Row, up: i16, high: &mut Row, low: &mut Row) {
+    for column in 0..WIDTH {
+        let level = heights[column].saturating_sub(along[column]).saturating_sub(up);
+        let margin = margins[column];
+        high[column] = if margin != 0 { level.saturating_sub(margin) } else { NO_HIGH };
+        low[column] = if margin != 0 { level.saturating_add(margin) } else { NO_LOW };
     }
-    let mut out: Plane = [[none; WIDTH]; ROWS];
-    for row in 0..ROWS - 4 {
-        for column in 0..WIDTH {
-            let near = pick(wide[row + 1][column], wide[row + 3][column]);
-            let far = pick(wide[row][column], wide[row + 4][column]);
-            out[row + 2][column] = pick(pick(near, far), wide[row + 2][column]);
-        }
+}
+
+#[inline(never)]
+fn widen_three(high: &Row, low: &Row, top: &mut Row, bottom: &mut Row) {
+    for column in 0..WIDTH - 2 {
+        top[column + 1] = high[column].max(high[column + 1]).max(high[column + 2]);
+        bottom[column + 1] = low[column].min(low[column + 1]).min(low[column + 2]);
     }
-    out
+}
+
+#[inline(never)]
+fn widen_five(high: &Row, low: &Row, top: &mut Row, bottom: &mut Row) {
+    for column in 0..WIDTH - 4 {
+        let (near, far) = (high[column + 1].max(high[column + 3]), high[column].max(high[column + 4]));
+        top[column + 2] = near.max(far).max(high[column + 2]);
+        let (near, far) = (low[column + 1].min(low[column + 3]), low[column].min(low[column + 4]));
+        bottom[column + 2] = near.min(far).min(low[column + 2]);
+    }
+}
+
+#[inline(never)]
+fn fill_empty(around: [&(Row, Row); 3], known: &Row, high: &mut Row, low: &mut Row) {
+    let [above, here, below] = around;
+    for column in 0..WIDTH {
+        let top = above.0[column].max(here.0[column]).max(below.0[column]);
+        let bottom = above.1[column].min(here.1[column]).min(below.1[column]);
+        // Masked and not selected: LLVM turns a select of a stored value into a branch around the store.
+        high[column] = (top & !known[column]) | (high[column] & known[column]);
+        low[column] = (bottom & !known[column]) | (low[column] & known[column]);
+    }
+}
+
+/// Largest minus smallest over five rows; `i16::MIN` where nothing is known and no neighbour reaches: nothing to judge.
+#[inline(never)]
+fn span_of_five(rows: &[(Row, Row); 5], own: &Row, out: &mut [i16; TILE_SIDE]) {
+    for column in 0..TILE_SIDE {
+        let at = column + HALO;
+        let top = rows[0].0[at].max(rows[1].0[at]).max(rows[2].0[at]).max(rows[3].0[at]).max(rows[4].0[at]);
+        let bottom = rows[0].1[at].min(rows[1].1[at]).min(rows[2].1[at]).min(rows[3].1[at]).min(rows[4].1[at]);
+        let span = top.saturating_sub(bottom).max(0);
+        out[column] = if own[at] == NO_HIGH { i16::MIN } else { span };
+    }
 }
