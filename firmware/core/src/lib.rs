@@ -2,6 +2,8 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+
+pub mod clock;
 pub mod scan;
 
 pub use crossfall_protocol as protocol;
