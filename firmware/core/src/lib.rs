@@ -2,7 +2,7 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
-
+pub mod attitude;
 pub mod clock;
 pub mod scan;
 
