@@ -3,5 +3,6 @@
 #![forbid(unsafe_code)]
 
 pub mod scan;
+pub mod sensors;
 
 pub use crossfall_protocol as protocol;
