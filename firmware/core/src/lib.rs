@@ -5,5 +5,6 @@
 pub mod attitude;
 pub mod clock;
 pub mod scan;
+pub mod sensors;
 
 pub use crossfall_protocol as protocol;
