@@ -3,5 +3,6 @@
 #![forbid(unsafe_code)]
 
 pub mod scan;
+pub mod trig;
 
 pub use crossfall_protocol as protocol;
