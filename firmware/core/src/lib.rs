@@ -6,5 +6,6 @@ pub mod attitude;
 pub mod clock;
 pub mod scan;
 pub mod sensors;
+pub mod trig;
 
 pub use crossfall_protocol as protocol;
