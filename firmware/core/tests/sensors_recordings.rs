@@ -133,12 +133,12 @@ fn the_single_scan_of_an_lms_291_carries_its_field_bits() {
         decoder.push(byte, arrival(i), &mut |event| {
             let lms2xx::Event::Scan { scan, .. } = event else { panic!("{event:?}") };
             let reader = Reader::of(scan);
-            // First value 08CBh, last 0518h: 2.251 and 1.304 m; 23E9h is 1.001 m inside field A.
+            // First value 08CBh, last 0518h: 2.251 and 1.304 m; 22B1h is 0.689 m inside field A.
             assert_eq!(scan.ranges().first().map(|&v| reader.measure(v)), Some(Measure::Range(2_251_000)));
             assert_eq!(scan.ranges().last().map(|&v| reader.measure(v)), Some(Measure::Range(1_304_000)));
-            let inside = reader.read(0x23e9);
-            assert!(scan.ranges().contains(&0x23e9));
-            assert_eq!((inside.measure, inside.fields.a, inside.fields.b), (Measure::Range(1_001_000), true, false));
+            let inside = reader.read(0x22b1);
+            assert!(scan.ranges().contains(&0x22b1));
+            assert_eq!((inside.measure, inside.fields.a, inside.fields.b), (Measure::Range(689_000), true, false));
             scans += 1;
         });
     }
@@ -166,7 +166,8 @@ fn prompts(bytes: &[u8], prompt: &[u8]) -> u64 {
 #[test]
 fn every_recorded_frame_and_nothing_but_prompts_between_them() {
     let Some(folder) = recordings() else { return };
-    let files: [(&str, &[u8], &[(u16, u32)]); 4] = [
+    type Counts = &'static [(u16, u32)];
+    let files: [(&str, &[u8], Counts); 4] = [
         ("bestpos.gps", b"\r\n<OK\r\n[COM1]", &[(42, 5), (99, 5), (508, 10), (726, 2), (1163, 2), (1465, 2)]),
         ("ins1.gps", b"\r\n<OK\r\n[COM1]", &[(508, 243), (1945, 2), (2051, 29), (2264, 10)]),
         ("ins2.gps", b"\r\n<OK\r\n[COM1]", &[(508, 62), (1362, 766), (1465, 6), (1945, 1)]),
