@@ -58,6 +58,10 @@ impl Gate {
     pub const TUKEY: Self = Self { above_q8: 3136, below_q8: 5184 };
 }
 
+/// Tukey weights take more of the large residuals than of the small ones: for normal errors and [`Gate::TUKEY`] the
+/// weighted mean square is 1/1.3076 of the variance (numerical integration). 8 fraction bits.
+const TRIM_Q8: u64 = 335;
+
 /// What a fit leaves behind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fit {
@@ -68,7 +72,7 @@ pub struct Fit {
     pub slope_variance: Magnitude,
     /// Variance of the height at the reference, in square grains, likewise.
     pub height_variance: Magnitude,
-    /// Sum of squared residuals over their variances (Tukey-weighted), with 8 fraction bits.
+    /// Sum of squared residuals over their variances, Tukey-weighted and freed of the weights' bias, with 8 fraction bits.
     pub chi2_q8: u32,
     /// Sum of Tukey weights, with 8 fraction bits.
     pub effective_q8: u32,
@@ -149,7 +153,7 @@ pub fn fit(samples: &[Sample], line: &Line, shift: u32, gate: Gate) -> Option<Fi
         count,
         slope_variance: Magnitude::new(1, scale - 6).over(Magnitude::new(spread as u64, 0)),
         height_variance: Magnitude::new(1, scale).over(Magnitude::new(sum_w as u64, 0)),
-        chi2_q8: (chi2_q12 >> 4) as u32,
+        chi2_q8: ((chi2_q12 * TRIM_Q8) >> 12) as u32,
         effective_q8: effective_q12 >> 4,
     })
 }

@@ -85,7 +85,7 @@ pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Wo
     };
     let from = adjacent.run.last + 1;
     let opposing = slope::measure(samples, &work.anchors, from, &wanted(true), &mut noise);
-    report(&mut side, samples, outward, &road, &adjacent, opposing.as_ref(), &noise);
+    report(&mut side, samples, outward, &road, adjacent, opposing, &noise);
     side
 }
 
@@ -106,28 +106,37 @@ fn prior_noise(survey: &Survey, unit_um: i32) -> Noise {
     }
 }
 
-/// Fills in what was found.
+/// Settles the slopes between their hinges and fills in what was found.
 fn report(
     side: &mut Side,
     samples: &mut [sample::Sample],
     outward: Outward,
     road: &road::Road,
-    adjacent: &Found,
-    opposing: Option<&Found>,
+    mut adjacent: Found,
+    mut opposing: Option<Found>,
     noise: &Noise,
 ) {
-    let edge = hinge::edge(samples, &road.fit, road.departure, adjacent);
-    let (foot, start) = match opposing {
-        Some(opposing) => {
-            let (foot, start) = hinge::across(samples, adjacent, opposing, noise);
-            (foot, Some(start))
+    for pass in 0..=SETTLING {
+        let edge = hinge::edge(samples, &road.fit, road.departure, &adjacent);
+        let (foot, facing) = match &opposing {
+            Some(opposing) => {
+                let (foot, start) = hinge::across(samples, &adjacent, opposing, noise);
+                (foot, Some((start, hinge::end(samples, opposing, noise))))
+            }
+            None => (hinge::end(samples, &adjacent, noise), None),
+        };
+        if pass < SETTLING {
+            adjacent.settle(samples, &edge, &foot, noise);
+            if let (Some(opposing), Some((start, top))) = (&mut opposing, &facing) {
+                opposing.settle(samples, start, top, noise);
+            }
+            continue;
         }
-        None => (hinge::end(samples, adjacent, noise), None),
-    };
-    side.edge = Some(edge.message(outward));
-    side.adjacent = Some(adjacent.message(outward, &edge, &foot));
-    if let (Some(opposing), Some(start)) = (opposing, start) {
-        let top = hinge::end(samples, opposing, noise);
-        side.opposing = Some(opposing.message(outward, &start, &top));
+        side.edge = Some(edge.message(outward));
+        side.adjacent = Some(adjacent.message(outward, &edge, &foot));
+        side.opposing = opposing.zip(facing).map(|(opposing, (start, top))| opposing.message(outward, &start, &top));
     }
 }
+
+/// How often the slopes are fitted anew between the hinges that they make.
+const SETTLING: usize = 2;

@@ -26,12 +26,6 @@ pub struct Found {
     pub fit: Fit,
     /// Its samples, as indices among all of the side.
     pub run: Run,
-    /// Half width of the 95 % interval of the slope, 30 fraction bits.
-    pub half_q30: u32,
-    /// Mean square of the residuals over the assumed variances.
-    pub scale: Magnitude,
-    /// Flags that concern this slope.
-    pub flags: u16,
 }
 
 /// Finds and measures the slope that is `wanted`, from sample `from` on; keeps what its residuals say about the noise.
@@ -52,26 +46,25 @@ pub fn measure(samples: &mut [Sample], anchors: &[Sample], from: usize, wanted: 
     let part = beyond.get_mut(run.first..=run.last)?;
     let first_pass = refit(part, &line, noise)?;
     *noise = roughened(noise, &first_pass, part);
-    let fitted = refit(part, &first_pass.line, noise)?;
-    if fitted.count < LEAST_SAMPLES {
-        return None;
-    }
-    let (half_q30, scale) = interval(&fitted);
-    let slope_q14 = fitted.line.slope_q14();
-    let slack = (half_q30 >> 16) as i32 + SLACK_BACK_Q14;
-    if slope_q14 < wanted.least_q14 + slack_limits(slack) || slope_q14 > wanted.most_q14 - slack_limits(slack) {
-        return None;
-    }
-    let flags = marks(part, &fitted, noise, wanted);
+    let fit = refit(part, &first_pass.line, noise)?;
     let run = Run { first: run.first + from, last: run.last + from, score: run.score };
-    Some(Found { fit: fitted, run, half_q30, scale, flags })
+    Some(Found { fit, run })
 }
 
-/// What the search's limits are wider than the user's.
-const SLACK_BACK_Q14: i32 = 0;
-
-fn slack_limits(half: i32) -> i32 {
-    (super::SLACK_Q14 - half).max(0)
+impl Found {
+    /// Fits again over the samples between two places: the ends of a run lean on its own residuals, those of the hinges
+    /// do not, so that no sample is chosen for lying where the line wants it.
+    pub fn settle(&mut self, samples: &mut [Sample], start: &Place, end: &Place, noise: &Noise) {
+        let first = samples.partition_point(|s| s.u < start.u);
+        let past = samples.partition_point(|s| s.u <= end.u);
+        let Some(part) = samples.get_mut(first..past) else { return };
+        if let Some(fit) = refit(part, &self.fit.line, noise) {
+            if fit.count >= LEAST_SAMPLES.min(self.fit.count) {
+                self.fit = fit;
+                self.run = Run { first, last: past - 1, ..self.run };
+            }
+        }
+    }
 }
 
 /// Three reweighted steps with weights of the present noise.
@@ -100,23 +93,23 @@ fn ratio_q10(fitted: &Fit, prior: u32) -> u32 {
     ((u64::from(chi2_q8) << 10) / u64::from(freedom_q8.max(1))).min(1 << 20) as u32
 }
 
-/// Half width of the 95 % interval of the slope, and the scale of the variances that it rests on.
-fn interval(fitted: &Fit) -> (u32, Magnitude) {
+/// Half width of the 95 % interval of a slope, 30 fraction bits.
+fn interval(fitted: &Fit) -> u32 {
     let scale = Magnitude::new(u64::from(ratio_q10(fitted, INTERVAL_PRIOR)), -10);
     // Student's t at 97.5 %: 1.96 + 2.37 / n + 2.8 / n^2, good to 1 % from 5 degrees of freedom on.
     let freedom = u64::from((fitted.effective_q8 >> 8).saturating_sub(2) + INTERVAL_PRIOR).max(1);
     let t_q10 = 2007 + 2427 / freedom + 2867 / (freedom * freedom);
     let half = fitted.slope_variance.times(scale).root().times(Magnitude::new(t_q10, -10));
-    (half.scaled(30), scale)
+    half.scaled(30)
 }
 
 /// Flags from the samples of a run.
-fn marks(part: &[Sample], fitted: &Fit, noise: &Noise, wanted: &Wanted) -> u16 {
+pub fn marks(part: &[Sample], fitted: &Fit, noise: &Noise, obstruction: i32) -> u16 {
     let slope_q14 = fitted.line.slope_q14();
     let (mut above, mut astray) = (0, 0);
     for sample in part {
         let e = fitted.line.residual(sample);
-        if e.abs() > wanted.obstruction {
+        if e.abs() > obstruction {
             astray += 1;
         } else if e > 0 && (e * e) as u32 / 12 > noise.variance(sample, slope_q14) {
             above += 1;
@@ -141,7 +134,7 @@ impl Found {
         // d(angle) = d(slope) cos^2, and 2^30 units of slope are 2^32 / (2 pi) units of angle: 4 / (2 pi).
         const UNITS_Q32: u64 = 2_734_261_102;
         let cos2_q30 = (i64::from(cosine) * i64::from(cosine)) as u64 >> 30;
-        let flat = (u64::from(self.half_q30) * UNITS_Q32) >> 32;
+        let flat = (u64::from(interval(&self.fit)) * UNITS_Q32) >> 32;
         let ci95 = ((flat * cos2_q30) >> 30).min(1 << 30) as i32;
         let run_um = i64::from(end.u.abs_diff(start.u)) << GRAIN_BITS;
         Slope {
