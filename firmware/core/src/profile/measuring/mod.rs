@@ -68,7 +68,6 @@ pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Wo
     if road.departure < samples.len() {
         side.edge = Some(Hinge { y_um: departure_um, ci95_um: 0, departure_um });
     }
-    search::anchors(samples, &mut work.anchors);
     let limits = &survey.limits;
     let (least_q14, most_q14) = (trig::slope(limits.min_slope) >> 16, trig::slope(limits.max_slope) >> 16);
     let wanted = |rising: bool| Wanted {
@@ -80,11 +79,11 @@ pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Wo
     let from_u = samples.get(road.departure).map_or(i32::MAX, |s| s.u - sample::millimetres(500));
     let from = samples.partition_point(|s| s.u < from_u);
     let mut noise = road.noise;
-    let Some(adjacent) = slope::measure(samples, &work.anchors, from, &wanted(false), &mut noise) else {
+    let Some(adjacent) = slope::measure(samples, &mut work.anchors, from, &wanted(false), &mut noise) else {
         return side;
     };
     let from = adjacent.run.last + 1;
-    let opposing = slope::measure(samples, &work.anchors, from, &wanted(true), &mut noise);
+    let opposing = slope::measure(samples, &mut work.anchors, from, &wanted(true), &mut noise);
     report(&mut side, samples, outward, &road, adjacent, opposing, &noise);
     side
 }
