@@ -99,7 +99,9 @@ fn side(family: &Family, random: &mut Random, edge: f64, road_deg: f64, height: 
     let draw = |random: &mut Random, (from, to)| random.uniform(from, to);
     let adjacent_deg = -draw(random, family.slopes_deg);
     let opposing_deg = draw(random, family.slopes_deg);
-    let along = |degrees: f64, length: f64| (length * libm::cos(degrees.to_radians()), length * libm::sin(degrees.to_radians()));
+    let along = |degrees: f64, length: f64| {
+        (length * libm::cos(degrees.to_radians()), length * libm::sin(degrees.to_radians()))
+    };
     let z = -height + edge * tan(road_deg);
     let (run, rise) = along(adjacent_deg, draw(random, family.adjacent_m));
     let foot = (edge + run, z + rise);

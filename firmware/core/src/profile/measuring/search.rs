@@ -32,7 +32,8 @@ pub struct Wanted {
     /// Range of slopes, 14 fraction bits, inclusive.
     pub least_q14: i32,
     pub most_q14: i32,
-    /// Longest run, in grains outward.
+    /// Shortest and longest run, in grains outward.
+    pub shortest: i32,
     pub longest: i32,
     /// Distance from the line beyond which a sample obstructs it.
     pub obstruction: i32,
