@@ -29,13 +29,14 @@ pub use sample::Outward;
 pub struct Workspace {
     samples: Samples,
     anchors: Anchors,
+    thin: road::Thin,
 }
 
 impl Workspace {
     /// An empty workspace.
     #[must_use]
     pub const fn new() -> Self {
-        Self { samples: Samples::new(), anchors: Anchors::new() }
+        Self { samples: Samples::new(), anchors: Anchors::new(), thin: road::Thin::new() }
     }
 }
 
@@ -60,7 +61,7 @@ pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Wo
     }
     let mut side = Side::default();
     let prior = prior_noise(survey, scan.unit_um);
-    let Some(road) = road::find(&mut work.samples, prior) else {
+    let Some(road) = road::find(&mut work.samples, prior, &mut work.thin) else {
         side.flags = flags::NO_ROAD;
         return side;
     };
@@ -142,6 +143,7 @@ impl Section {
     fn report(mut self, side: &mut Side, samples: &mut [Sample], falling: &Wanted, rising: &Wanted) {
         for _ in 0..SETTLING {
             let Hinges { edge, foot, facing } = self.hinges(samples);
+            self.road.settle(samples, edge.u);
             self.adjacent.settle(samples, &edge, &foot, &self.noise);
             if let (Some(opposing), Some((start, top))) = (&mut self.opposing, &facing) {
                 opposing.settle(samples, start, top, &self.noise);

@@ -47,7 +47,7 @@ pub fn measure(
         for _ in 0..2 {
             line = fit(part, &line, shift, Gate::TUKEY)?.line;
         }
-        run = search::run(beyond, &line, wanted, noise);
+        run = search::run(beyond, &line, wanted, noise, false);
     }
     let part = beyond.get_mut(run.first..=run.last)?;
     let first_pass = refit(part, &line, noise)?;
