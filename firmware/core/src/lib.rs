@@ -2,6 +2,10 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod attitude;
+pub mod clock;
 pub mod scan;
+pub mod sensors;
+pub mod trig;
 
 pub use crossfall_protocol as protocol;
