@@ -6,3 +6,5 @@ pub mod container;
 pub mod interrupt;
 pub mod log;
 pub mod output;
+pub mod simulate;
+pub mod toml_file;
