@@ -166,7 +166,8 @@ impl Decode {
 
     /// Declares that no more bytes come: gives up what is under way, stops the survey and reports all counters.
     pub fn finish(&mut self, now: DeviceTime, out: &mut impl FnMut(Event<'_>)) {
-        let (state, running) = (&mut self.state, self.state.running);
+        let running = self.state.running;
+        let state = &mut self.state;
         self.lidar.finish(&mut |event| scan_only(&event, running, out));
         self.ins.finish(&mut |event| state.log(&event.log, out));
         self.stop(now, out);
