@@ -128,7 +128,7 @@ pub struct Ins {
     pub attitude_white_deg: f64,
     /// The least latency of a frame.
     pub latency_min_ms: f64,
-    /// Median of what comes on top.
+    /// Median of what comes on top, before frames wait for each other on the line.
     pub latency_median_ms: f64,
     /// Its 95th percentile.
     pub latency_p95_ms: f64,
@@ -308,15 +308,15 @@ impl Default for Ins {
     fn default() -> Self {
         Self {
             rate_hz: 100,
-            baud: 230_400,
+            baud: 115_200,
             attitude_drift_deg: 0.0168,
             attitude_drift_s: 30.0,
             attitude_white_deg: 0.0025,
             latency_min_ms: 10.0,
-            latency_median_ms: 20.0,
-            latency_p95_ms: 117.0,
+            latency_median_ms: 17.0,
+            latency_p95_ms: 105.0,
             latency_max_ms: 170.0,
-            latency_spell_s: 0.3,
+            latency_spell_s: 3.0,
             time_log: true,
         }
     }
@@ -447,7 +447,11 @@ impl Scene {
         // A pose is 104 bytes and a TIME log 76, ten bits each.
         let needed = ins.rate_hz * 1_040 + if ins.time_log { 760 } else { 0 };
         if ins.baud < needed {
-            return Err(Invalid::new("ins.baud", ins.baud, format!("at least {needed} for {} poses a second", ins.rate_hz)));
+            return Err(Invalid::new(
+                "ins.baud",
+                ins.baud,
+                format!("at least {needed} for {} poses a second", ins.rate_hz),
+            ));
         }
         within("ins.attitude_drift_deg", ins.attitude_drift_deg, 0.0, 10.0)?;
         within("ins.attitude_drift_s", ins.attitude_drift_s, 0.0, 1e5)?;

@@ -135,9 +135,8 @@ impl Road {
             scene::Mode::RandomPerScan => Self::PerScan((0..scans).map(|_| random(&sections.random, noise)).collect()),
             scene::Mode::RandomStations => {
                 let count = libm::ceil(length_m / sections.spacing_m) as usize + 2;
-                let stations = (0..count)
-                    .map(|i| (i as f64 * sections.spacing_m, random(&sections.random, noise)))
-                    .collect();
+                let stations =
+                    (0..count).map(|i| (i as f64 * sections.spacing_m, random(&sections.random, noise))).collect();
                 Self::Stations(stations, sections.interpolation)
             }
             scene::Mode::Stations => {

@@ -101,8 +101,18 @@ impl<'a> Span<'a> {
         bytes.extend((libm::round(seconds * 1_000.0) as u32).to_le_bytes());
         bytes.extend(u32::from(week).to_le_bytes());
         let [north, east, up] = place.velocity_m_s;
-        let numbers =
-            [seconds, place.latitude_deg, place.longitude_deg, place.height_m, north, east, up, roll, pitch, place.azimuth_deg];
+        let numbers = [
+            seconds,
+            place.latitude_deg,
+            place.longitude_deg,
+            place.height_m,
+            north,
+            east,
+            up,
+            roll,
+            pitch,
+            place.azimuth_deg,
+        ];
         bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
         // INS status: solution good.
         bytes.extend(3_u32.to_le_bytes());
@@ -228,7 +238,7 @@ mod tests {
             .map(|i| {
                 let valid = f64::from(i) * 0.01;
                 let arrival = line.arrival(valid, 104);
-                assert!(arrival >= last + 104.0 * 10.0 / 230_400.0 - 1e-9);
+                assert!(arrival >= last + 104.0 * 10.0 / 115_200.0 - 1e-9);
                 last = arrival;
                 (arrival - valid) * 1e3
             })
@@ -236,8 +246,9 @@ mod tests {
         latencies.sort_by(f64::total_cmp);
         let at = |share: f64| latencies[(share * 199_999.0) as usize];
         assert!(at(0.0) >= 10.0);
-        assert!((27.0..40.0).contains(&at(0.5)), "{}", at(0.5));
-        assert!((115.0..150.0).contains(&at(0.95)), "{}", at(0.95));
+        // As measured: 20 ms (median) and 117 ms (95 %) above the least latency of 10 ms.
+        assert!((25.0..37.0).contains(&at(0.5)), "{}", at(0.5));
+        assert!((115.0..142.0).contains(&at(0.95)), "{}", at(0.95));
         // Only the line's speed may push a frame beyond the greatest latency.
         assert!(at(1.0) < 180.0, "{}", at(1.0));
     }

@@ -49,7 +49,7 @@ fn every_byte_decodes() {
     for chunk in chunks.iter().filter(|chunk| chunk.channel == Channel::Ins) {
         for &byte in &chunk.data {
             decoder.push(byte, DeviceTime(chunk.device_time_ns / 1_000), &mut |event| match event.log {
-                novatel::Log::Solution(_) => solutions += 1,
+                novatel::Log::Solution(..) => solutions += 1,
                 novatel::Log::Time(_) => times += 1,
                 _ => {}
             });
@@ -160,7 +160,8 @@ fn grass_is_off_the_road_and_above_the_ground() {
             let phi = (i as f64 / 2.0).to_radians();
             let r = f64::from(*value) / 1_000.0;
             let (y, z) = (-r * phi.cos(), -r * phi.sin());
-            let (side, ground) = (if y >= 0.0 { row.section.left } else { row.section.right }, row.section.ground(y >= 0.0));
+            let (side, ground) =
+                (if y >= 0.0 { row.section.left } else { row.section.right }, row.section.ground(y >= 0.0));
             let pair = ground.windows(2).find(|pair| y.abs() <= pair[1].0).unwrap();
             let above = z - pair[0].1 - (y.abs() - pair[0].0) * (pair[1].1 - pair[0].1) / (pair[1].0 - pair[0].0);
             assert!(above > -0.001);
@@ -199,10 +200,7 @@ fn a_scene_that_cannot_be_is_refused_with_its_key() {
         error.split_once("a.toml").unwrap().1.to_owned()
     };
     assert!(refuse("[scanner]\nrange_noise = 3").starts_with(":2: unknown field `range_noise`, expected one of"));
-    assert_eq!(
-        refuse("[scanner]\nmax_range_m = 80.0"),
-        ": scanner.max_range_m = 80, expected a number from 1 to 32"
-    );
+    assert_eq!(refuse("[scanner]\nmax_range_m = 80.0"), ": scanner.max_range_m = 80, expected a number from 1 to 32");
     assert_eq!(
         refuse("[sections.random]\nditch_m = [2.0, 1.0]"),
         ": sections.random.ditch_m = [2, 1], expected two numbers from 0 to 50, the lower first"

@@ -33,11 +33,24 @@ pub fn write_csv(rows: &[Row], mut out: impl Write) -> io::Result<()> {
     for row in rows {
         let Section { height_m, cross_slope_deg, left, right } = row.section;
         write!(out, "{},{:.6},{:.5},", row.scan, row.start_device_s, row.roll_deg)?;
-        write!(out, "{:.5},{:.5},{:.5},{:.5},", cross_slope_deg, left.edge_m, left.adjacent_slope_deg, left.adjacent_end_m())?;
+        write!(
+            out,
+            "{:.5},{:.5},{:.5},{:.5},",
+            cross_slope_deg,
+            left.edge_m,
+            left.adjacent_slope_deg,
+            left.adjacent_end_m()
+        )?;
         write!(out, "{:.5},{:.5},{:.5},", left.opposing_slope_deg, left.opposing_end_m(), left.opposing_start_m())?;
         write!(out, "{:.3},{:.5},{:.5},{:.5},", row.station_m, height_m, -cross_slope_deg, -right.edge_m)?;
         write!(out, "{:.5},{:.5},", right.adjacent_slope_deg, -right.adjacent_end_m())?;
-        writeln!(out, "{:.5},{:.5},{:.5}", right.opposing_slope_deg, -right.opposing_end_m(), -right.opposing_start_m())?;
+        writeln!(
+            out,
+            "{:.5},{:.5},{:.5}",
+            right.opposing_slope_deg,
+            -right.opposing_end_m(),
+            -right.opposing_start_m()
+        )?;
     }
     Ok(())
 }
