@@ -314,7 +314,7 @@ impl Default for Ins {
             attitude_white_deg: 0.0025,
             latency_min_ms: 10.0,
             latency_median_ms: 17.0,
-            latency_p95_ms: 105.0,
+            latency_p95_ms: 90.0,
             latency_max_ms: 170.0,
             latency_spell_s: 3.0,
             time_log: true,
