@@ -2,12 +2,15 @@
 #![forbid(unsafe_code)]
 
 pub mod capture;
+pub mod config;
 pub mod container;
 pub mod interrupt;
 pub mod log;
 pub mod output;
 pub mod profiles;
 pub mod run;
+pub mod simulate;
 pub mod stream;
+pub mod toml_file;
 pub mod track;
 pub mod verify;
