@@ -2,6 +2,7 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod profile;
 pub mod scan;
 pub mod trig;
 
