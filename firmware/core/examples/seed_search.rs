@@ -21,9 +21,12 @@ fn main() {
     println!(
         "points    noise           us/side  us worst  steps/side  steps worst  all pairs   ratio  adjacent rms median  >1 deg  found  opposing rms median  >1 deg  found"
     );
-    for (name, range_sigma_m, grass) in
-        [("3.5 mm", 0.0035, false), ("10 mm", 0.010, false), ("3.5 mm grass", 0.0035, true), ("10 mm grass", 0.010, true)]
-    {
+    for (name, range_sigma_m, grass) in [
+        ("3.5 mm", 0.0035, false),
+        ("10 mm", 0.010, false),
+        ("3.5 mm grass", 0.0035, true),
+        ("10 mm grass", 0.010, true),
+    ] {
         let scanned: Vec<_> =
             (0..medians).map(|seed| median(seed, Scanning { beams: 2.0, range_sigma_m, grass })).collect();
         for (kind, spacing_um) in [("raw", None), ("100 mm", Some(100_000))] {

@@ -104,7 +104,9 @@ fn scanned_medians_give_what_trying_all_pairs_gives() {
             // One scan in eight at the scanner's own half degree, the others thinned out for the oracle's sake.
             let beams = if seed % 8 == 0 { 2.0 } else { 0.8 };
             let median = median(seed, Scanning { beams, range_sigma_m, grass });
-            for points in [median.points.clone(), resampled(&median.points, if seed % 8 == 0 { 100_000 } else { 250_000 })] {
+            for points in
+                [median.points.clone(), resampled(&median.points, if seed % 8 == 0 { 100_000 } else { 250_000 })]
+            {
                 let survey = Survey::default();
                 let criterion = Criterion::new(&survey.limits, &survey.seed);
                 let Some(line) = road::road_line(&points) else { continue };

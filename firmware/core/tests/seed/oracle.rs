@@ -92,7 +92,8 @@ pub fn exhaust(points: &[Point], edge: usize, survey: &Survey) -> Exhausted {
             if !long_enough || obstructed {
                 continue;
             }
-            let score = points[start..stop].iter().filter(|p| !line.is_further(**p, survey.seed.inlier_um)).count() as u32;
+            let score =
+                points[start..stop].iter().filter(|p| !line.is_further(**p, survey.seed.inlier_um)).count() as u32;
             if found.best.is_none_or(|best| score > best.points) {
                 found.best = Some(Best { start, through, end, end_seen: departs.is_some(), points: score });
             }

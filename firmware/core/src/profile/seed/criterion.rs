@@ -35,7 +35,7 @@ pub struct Criterion {
     pub(super) departure_points: u32,
     pub(super) max_length_um: i32,
     pub(super) greatest: Direction,
-    least: Direction,
+    pub(super) least: Direction,
     min_length_squared: u64,
     max_length_squared: u64,
 }

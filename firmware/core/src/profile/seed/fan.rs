@@ -24,8 +24,8 @@ const CLIP: i32 = 2 << SLOPE_BITS;
 /// By how much intervals are widened, in units of a slope.
 const SLACK: i32 = 128;
 
-/// Bins over the allowed slopes, at most. At the default limits of +/-18 degrees 84 are in use, each 0.0078 wide: 25 mm at 3.2 m.
-const BINS: usize = 128;
+/// Bins over the allowed slopes, at most. At the default limits of +/-18 degrees 167 are in use, each 0.0039 wide: 25 mm at 6.4 m.
+const BINS: usize = 256;
 
 /// Closer than this in y, two points say nothing of a slope within +/-1 that is worth a division.
 const BESIDE_UM: u32 = 1 << 10;
@@ -52,6 +52,8 @@ impl Slopes {
 pub(super) struct Limits {
     /// Slopes of either sign up to the greatest inclination.
     pub allowed: Slopes,
+    /// Slopes between these two are below the least inclination.
+    flat: Slopes,
     /// Vertical half widths of the inlier band and of the obstruction band at the greatest inclination.
     inlier_um: i32,
     obstruction_um: i32,
@@ -65,11 +67,14 @@ impl Limits {
         // The cosine is 0.7 at least. Two units more than the quotient cover its rounding and the cosine's.
         let over_cos = |value: i64| value.checked_div(cos).unwrap_or(0).wrapping_add(2) as i32;
         let steepest = over_cos(sin << SLOPE_BITS).wrapping_add(SLACK);
+        let (sin, cos) = (i64::from(criterion.least.sin_q30), i64::from(criterion.least.cos_q30));
+        let flattest = (sin << SLOPE_BITS).checked_div(cos).unwrap_or(0).saturating_sub(SLACK.into()).max(0) as i32;
         let widened = |um: u32| over_cos(i64::from(um) << 30);
         let span = steepest.wrapping_mul(2).unsigned_abs();
         let bin_bits = (0..31).find(|bits| (span >> bits) < BINS as u32).unwrap_or(31);
         Self {
             allowed: Slopes { low: steepest.wrapping_neg(), high: steepest },
+            flat: Slopes { low: flattest.wrapping_neg(), high: flattest },
             inlier_um: widened(criterion.inlier_um),
             obstruction_um: widened(criterion.obstruction_um),
             bin_bits,
@@ -78,7 +83,11 @@ impl Limits {
 
     /// Those of the open slopes that the point does not obstruct.
     pub fn unobstructed(&self, open: Slopes, seen: Reach) -> Slopes {
-        open.and(seen.slopes_within(self.obstruction_um))
+        let Slopes { low, high } = open.and(seen.slopes_within(self.obstruction_um));
+        Slopes {
+            low: if low > self.flat.low { low.max(self.flat.high) } else { low },
+            high: if high < self.flat.high { high.min(self.flat.low) } else { high },
+        }
     }
 
     /// Those of the open slopes that have the point within the inlier distance.
@@ -152,24 +161,30 @@ fn clipped(slope: i64) -> i32 {
 pub(super) struct Fan {
     /// Before [`Fan::sum`] what changes at each bin, afterwards the number of points.
     bins: [i32; BINS + 1],
-    /// The largest of those numbers.
-    most: i32,
+    /// The bins in use, both included; the others are stale.
+    first: usize,
+    last: usize,
+    /// The largest number of points of any bin in use.
+    most: usize,
 }
 
 impl Fan {
     pub const fn new() -> Self {
-        Self { bins: [0; BINS + 1], most: 0 }
+        Self { bins: [0; BINS + 1], first: 0, last: 0, most: 0 }
     }
 
-    pub fn clear(&mut self) {
-        *self = Self::new();
-    }
-
-    /// A point allows these slopes of the allowed ones.
-    pub fn add(&mut self, limits: &Limits, slopes: Slopes) {
-        if slopes.is_empty() {
-            return;
+    /// Empties the fan for slopes within the open ones.
+    pub fn clear(&mut self, limits: &Limits, open: Slopes) {
+        self.first = limits.bin(open.low);
+        self.last = limits.bin(open.high);
+        // One more: the change after the last.
+        if let Some(used) = self.bins.get_mut(self.first..=self.last.wrapping_add(1)) {
+            used.fill(0);
         }
+    }
+
+    /// A point allows these slopes of the open ones; there must be one.
+    pub fn add(&mut self, limits: &Limits, slopes: Slopes) {
         if let Some(bin) = self.bins.get_mut(limits.bin(slopes.low)) {
             *bin = bin.wrapping_add(1);
         }
@@ -180,18 +195,20 @@ impl Fan {
 
     /// Adds the changes up, and gives the largest number of points of any slope.
     pub fn sum(&mut self) -> usize {
-        let mut sum = 0_i32;
-        for bin in &mut self.bins {
+        let (mut sum, mut most) = (0_i32, 0);
+        for bin in self.bins.get_mut(self.first..=self.last).into_iter().flatten() {
             sum = sum.wrapping_add(*bin);
             *bin = sum;
-            self.most = self.most.max(sum);
+            most = most.max(sum);
         }
-        self.most.unsigned_abs() as usize
+        self.most = most.unsigned_abs() as usize;
+        self.most
     }
 
     /// The number of points that the line through the anchor and this point could have, after [`Fan::sum`].
     pub fn points(&self, limits: &Limits, through: Reach) -> usize {
-        let bin = through.slope().map(|slope| self.bins.get(limits.bin(slope)).copied().unwrap_or(0));
-        bin.unwrap_or(self.most).unsigned_abs() as usize
+        let Some(bin) = through.slope().map(|slope| limits.bin(slope)) else { return self.most };
+        let used = self.first <= bin && bin <= self.last;
+        self.bins.get(bin).filter(|_| used).map_or(0, |points| points.unsigned_abs() as usize)
     }
 }

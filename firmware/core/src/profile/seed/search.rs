@@ -46,6 +46,16 @@ impl Default for Work {
     }
 }
 
+/// The part of the points that matters to an anchor.
+#[derive(Clone, Copy)]
+struct Span {
+    edge: usize,
+    /// The anchor.
+    start: usize,
+    /// The first point that is too far from it, and all after it.
+    reach: usize,
+}
+
 /// Finds the best segment among the lines through all pairs of points from `edge` on, as [`super::criterion`] defines it.
 ///
 /// Coordinates must be below the horizon of [`super::line`]; the points may be in any order and coincide.
@@ -62,21 +72,23 @@ pub fn search(points: &[Point], edge: usize, criterion: &Criterion, work: &mut W
         while points.get(reach).is_some_and(|p| p.y_um.wrapping_sub(anchor.y_um) <= criterion.max_length_um) {
             reach += 1;
         }
-        let least_score = best.map_or(1, |b| b.points as usize + 1);
-        if reach.saturating_sub(start) < least_score {
-            continue;
-        }
-        let bound = work.spread(points, edge, start, reach, &limits);
-        let mut standing = Standing { edge, reach, least_score };
-        if bound < standing.least_score {
-            continue;
-        }
-        for (through, p) in points.iter().enumerate().skip(start + 1) {
-            if 1 + work.fan.points(&limits, Reach::of(anchor, *p)) >= standing.least_score
-                && let Some(better) = criterion.judge(points, (start, through), &standing, &mut work.steps)
-            {
-                standing.least_score = better.points as usize + 1;
-                best = Some(better);
+        let to_beat = best.map_or(0, |b| b.points as usize);
+        let Some(bound) = work.spread(points, Span { edge, start, reach }, &limits, to_beat) else { continue };
+        // First the pairs whose bound is the highest, so that few others are left to be judged.
+        for promising in [true, false] {
+            for (through, p) in points.iter().enumerate().skip(start + 1) {
+                let possible = 1 + work.fan.points(&limits, Reach::of(anchor, *p));
+                if promising != (possible >= bound) {
+                    continue;
+                }
+                // An equal score wins only over a later pair of the same anchor.
+                let least_score =
+                    best.map_or(1, |b| b.points as usize + usize::from((b.start, b.through) < (start, through)));
+                if possible < least_score {
+                    continue;
+                }
+                let standing = Standing { edge, reach, least_score };
+                best = criterion.judge(points, (start, through), &standing, &mut work.steps).or(best);
             }
         }
     }
@@ -84,27 +96,48 @@ pub fn search(points: &[Point], edge: usize, criterion: &Criterion, work: &mut W
 }
 
 impl Work {
-    /// Fills the fan of an anchor. The result is the highest score that any candidate through the anchor could have.
-    fn spread(&mut self, points: &[Point], edge: usize, start: usize, reach: usize, limits: &Limits) -> usize {
-        let Some(anchor) = points.get(start).copied() else { return 0 };
+    /// Fills the fan of the anchor `start`. The result is the highest score that any candidate through the anchor could have;
+    /// None when it is no higher than `to_beat`.
+    fn spread(
+        &mut self,
+        points: &[Point],
+        Span { edge, start, reach }: Span,
+        limits: &Limits,
+        to_beat: usize,
+    ) -> Option<usize> {
+        let anchor = *points.get(start)?;
+        let (before, after) = (points.get(edge..start)?, points.get(start + 1..reach)?);
+        if after.len() < to_beat {
+            return None;
+        }
         let mut open = limits.allowed;
-        for p in points.get(edge..start).unwrap_or(&[]) {
+        for p in before {
             self.steps = self.steps.wrapping_add(1);
             open = limits.unobstructed(open, Reach::of(anchor, *p));
             if open.is_empty() {
-                return 0;
+                return None;
             }
         }
-        self.fan.clear();
-        for p in points.get(start + 1..reach).unwrap_or(&[]) {
+        self.fan.clear(limits, open);
+        // Points without an allowed slope may be as many as leave enough others.
+        let mut spare = after.len() - to_beat;
+        for (k, p) in after.iter().enumerate() {
             self.steps = self.steps.wrapping_add(1);
             let seen = Reach::of(anchor, *p);
             open = limits.unobstructed(open, seen);
             if open.is_empty() {
+                // No line gets here: this point and all that follow are lost.
+                spare.checked_sub(after.len() - k)?;
                 break;
             }
-            self.fan.add(limits, limits.near(open, seen));
+            let near = limits.near(open, seen);
+            if near.is_empty() {
+                spare = spare.checked_sub(1)?;
+            } else {
+                self.fan.add(limits, near);
+            }
         }
-        1 + self.fan.sum()
+        let bound = 1 + self.fan.sum();
+        (bound > to_beat).then_some(bound)
     }
 }
