@@ -140,6 +140,18 @@ mod tests {
             prop_assert_eq!(Length::of(squared).times(threshold) as u128, exact);
         }
 
+        /// Where the product has the most digits, one in a thousand is so near a whole number that `near` is the wrong one.
+        #[test]
+        fn the_product_is_the_exact_floor_where_it_is_largest(
+            parts in prop::array::uniform32((1 << 29..1 << 30, 1 << 29..1 << 30, 1_u32 << 21..=MAX_THRESHOLD_UM)),
+        ) {
+            for (dy, dz, threshold) in parts {
+                let squared = square(dy) + square(dz);
+                let exact = (u128::from(squared) * u128::from(threshold).pow(2)).isqrt();
+                prop_assert_eq!(Length::of(squared).times(threshold) as u128, exact);
+            }
+        }
+
         #[test]
         fn the_floor_is_exact_where_the_product_is_a_whole_number_or_just_below(
             root in 1..(1_u64 << 30), threshold in 1..=MAX_THRESHOLD_UM, below in 0..3_u64,
