@@ -1,0 +1,187 @@
+//! Where one line gives way to the next: as the intersection of the two, and as the point of departure.
+
+use crossfall_protocol::message::{Hinge, flags};
+
+use super::line::{Fit, Gate, Line, fit, weigh};
+use super::magnitude::Magnitude;
+use super::sample::{GRAIN_BITS, Noise, Outward, Sample, millimetres};
+use super::slope::Found;
+
+/// Samples past a slope's end that are taken for what follows it, and how far out they may lie.
+const NEIGHBOURS: usize = 10;
+const NEIGHBOUR_REACH: i32 = millimetres(8_000);
+
+/// A place on the section with its uncertainty, in grains outward.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Place {
+    pub u: i32,
+    /// Half width of the 95 % interval; 0 when unknown.
+    pub half: u32,
+    /// The point of departure.
+    pub departure: i32,
+    /// False when the section was not seen beyond it.
+    pub seen: bool,
+}
+
+impl Place {
+    fn departing(self, departure: i32) -> Self {
+        Self { departure, ..self }
+    }
+
+    pub fn message(&self, outward: Outward) -> Hinge {
+        Hinge {
+            y_um: outward.lateral_um(self.u),
+            ci95_um: self.half.min(1 << 27) << GRAIN_BITS,
+            departure_um: outward.lateral_um(self.departure),
+        }
+    }
+}
+
+/// Where two fits meet, with the half width of its interval: the variance of a height there is the sum of both lines',
+/// and the angle between them turns it into a distance.
+pub fn meeting(a: &Fit, b: &Fit) -> Option<(i32, u32)> {
+    let u = a.line.meets(&b.line)?;
+    let turn = a.line.slope_q30.abs_diff(b.line.slope_q30);
+    let height = a.variance_at(u).plus(b.variance_at(u)).root();
+    let half = height.over(Magnitude::new(u64::from(turn), -30)).times(Magnitude::new(251, -7));
+    Some((u, half.scaled(0)))
+}
+
+/// The road edge.
+pub fn edge(samples: &[Sample], road: &Fit, departure: usize, adjacent: &Found) -> Place {
+    let departed = samples.get(departure).map_or(adjacent.fit.line.u, |s| s.u);
+    match meeting(road, &adjacent.fit) {
+        Some((u, half)) if u < adjacent.fit.line.u => Place { u, half, departure: departed, seen: true },
+        _ => Place { u: departed, half: 0, departure: departed, seen: true },
+    }
+}
+
+/// [`flags::HINGE_ROUNDED`] when the samples within 0.4 m of a convex hinge lie below both lines by more than noise does:
+/// their weighted mean residual is beyond 4 sigma.
+pub fn rounded(samples: &[Sample], place: &Place, inner: &Line, outer: &Line, noise: &Noise) -> u16 {
+    let first = samples.partition_point(|s| s.u < place.u - ROUNDING_REACH);
+    let past = samples.partition_point(|s| s.u < place.u + ROUNDING_REACH);
+    let (mut sum, mut information) = (0i64, 0i64);
+    for sample in samples.get(first..past).unwrap_or_default() {
+        let line = if sample.u < place.u { inner } else { outer };
+        let e = line.residual(sample).clamp(-(1 << 12), 1 << 12);
+        // At most 2^30 / 2^10 each: a few hundred samples stay below 2^42, their square below 2^63.
+        let weight = (1 << 30) / i64::from(noise.variance(sample, line.slope_q14()).max(1 << 10));
+        sum += (weight * i64::from(e)) >> 15;
+        information += weight;
+    }
+    // sum / 2^15 over the root of information / 2^30 is standard normal for a sharp hinge.
+    if sum < 0 && sum.saturating_mul(sum) > 16 * information { flags::HINGE_ROUNDED } else { 0 }
+}
+
+/// How far from a hinge its rounding is looked for.
+const ROUNDING_REACH: i32 = millimetres(400);
+
+/// The outer end of a slope after which no other slope was found.
+pub fn end(samples: &mut [Sample], slope: &Found, noise: &Noise) -> Place {
+    let Some(last) = samples.get(slope.run.last).copied() else { return Place::default() };
+    let beyond = samples.get_mut(slope.run.last + 1..).unwrap_or_default();
+    let near = beyond.partition_point(|s| s.u < last.u + NEIGHBOUR_REACH).min(NEIGHBOURS);
+    let Some(next) = beyond.first().map(|s| s.u) else {
+        return Place { u: last.u, half: 0, departure: last.u, seen: false };
+    };
+    let ground = level(beyond.get_mut(..near).unwrap_or_default(), noise);
+    // Past the top of a rising slope vegetation on the level ground may pass for slope: up to two samples of it.
+    let back = if slope.fit.line.slope_q30 > 0 { 2 } else { 0 };
+    let inner = samples.get(slope.run.last.saturating_sub(back)).unwrap_or(&last);
+    let met = ground.and_then(|ground| between(&slope.fit, &ground.fit, noise, inner, ground.first));
+    met.unwrap_or_else(|| gap(last.u, next)).departing(next)
+}
+
+/// The ends of two slopes that face each other across a ditch: the foot of the first and of the second.
+pub fn across(samples: &mut [Sample], inner: &Found, outer: &Found, noise: &Noise) -> (Place, Place) {
+    let (Some(last), Some(first)) = (samples.get(inner.run.last).copied(), samples.get(outer.run.first).copied())
+    else {
+        return Default::default();
+    };
+    let floor = samples.get_mut(inner.run.last + 1..outer.run.first).unwrap_or_default();
+    let (next, previous) = (floor.first().map_or(first.u, |s| s.u), floor.last().map_or(last.u, |s| s.u));
+    if let Some(ground) = level(floor, noise) {
+        let foot = between(&inner.fit, &ground.fit, noise, &last, ground.first);
+        let start = between(&outer.fit, &ground.fit, noise, &last, first.u);
+        if let (Some(foot), Some(start)) = (foot, start) {
+            if foot.u <= start.u {
+                return (foot.departing(next), start.departing(previous));
+            }
+        }
+    }
+    // No floor to be seen: the slopes meet, or there is one between the beams. Every floor from none to the widest
+    // that no beam would have met explains the scan equally well: the middle is reported, with all of them in its interval.
+    let met = between(&inner.fit, &outer.fit, noise, &last, first.u).unwrap_or_else(|| gap(last.u, first.u));
+    let height = inner.fit.line.height_at(last.u).min(outer.fit.line.height_at(first.u));
+    let level = Line { u: met.u, z: height, slope_q30: 0 };
+    let widest = |slope: &Fit| slope.line.meets(&level).unwrap_or(met.u).clamp(last.u.min(met.u), first.u.max(met.u));
+    let middle = |reach: i32| Place { u: (met.u + reach) / 2, half: met.half + reach.abs_diff(met.u) / 2, ..met };
+    (middle(widest(&inner.fit)).departing(next), middle(widest(&outer.fit)).departing(previous))
+}
+
+/// An intersection, if it lies between two samples, give or take what noise can shift it by.
+fn between(slope: &Fit, other: &Fit, noise: &Noise, last: &Sample, next: i32) -> Option<Place> {
+    let (u, half) = meeting(slope, other)?;
+    let turn_q14 = (slope.line.slope_q30.abs_diff(other.line.slope_q30) >> 16).max(1);
+    let shift = (4 * noise.variance(last, slope.line.slope_q14()).isqrt() << 14) / turn_q14;
+    let shift = (shift + 2 * half.min(1 << 20)).clamp(millimetres(60) as u32, millimetres(500) as u32) as i32;
+    (u > last.u - shift && u < next + shift).then_some(Place { u, half, departure: next, seen: true })
+}
+
+/// The middle of a gap, when nothing better is known.
+fn gap(last: i32, next: i32) -> Place {
+    Place { u: (last + next) / 2, half: (next - last).unsigned_abs(), departure: next, seen: true }
+}
+
+/// Level ground beside a slope.
+struct Ground {
+    fit: Fit,
+    /// Distance of the innermost sample on it.
+    first: i32,
+}
+
+/// How well a sample fits ground through `line`: 256 on it, nothing from 3 sigma and a quarter of a degree of tilt on.
+fn on_level(line: &Line, sample: &Sample, noise: &Noise) -> Option<u32> {
+    let e = line.residual(sample).unsigned_abs();
+    let tilt = (sample.u.abs_diff(line.u) >> 8).min(1 << 10);
+    // At most 9 x 2^28: fits 32 bits.
+    let limit = 9 * noise.variance(sample, 0) + tilt * tilt;
+    (e < 1 << 14 && e * e < limit).then(|| 256 - e * e / (limit >> 8).max(1))
+}
+
+/// The ground beside a slope: level through the samples that agree best, then fitted where there are enough.
+fn level(samples: &mut [Sample], noise: &Noise) -> Option<Ground> {
+    let shift = weigh(samples, noise, 0);
+    let mut best: Option<(u32, Line)> = None;
+    for candidate in samples.iter() {
+        let line = Line { u: candidate.u, z: candidate.z, slope_q30: 0 };
+        let score = samples.iter().filter_map(|s| on_level(&line, s, noise)).sum();
+        if best.is_none_or(|(most, lowest)| score > most || score == most && line.z < lowest.z) {
+            best = Some((score, line));
+        }
+    }
+    let (_, line) = best?;
+    let near = samples.iter().filter(|s| on_level(&line, s, noise).is_some()).count();
+    let first = samples.iter().find(|s| on_level(&line, s, noise).is_some())?.u;
+    if near >= 4 {
+        let mut fitted = fit(samples, &line, shift, Gate::TUKEY)?;
+        for _ in 0..2 {
+            fitted = fit(samples, &fitted.line, shift, Gate::TUKEY)?;
+        }
+        if fitted.line.slope_q30.abs() < 1 << 26 {
+            return Some(Ground { fit: fitted, first });
+        }
+    }
+    // Too few to tell a slope: level, with 1.5 degrees of doubt about it.
+    let variance = samples.first().map_or(0, |s| noise.variance(s, 0));
+    let fit = Fit {
+        line,
+        count: near as u32,
+        slope_variance: Magnitude::new(7, -13),
+        height_variance: Magnitude::new(u64::from(variance), 0).over(Magnitude::new(near.max(1) as u64, 0)),
+        chi2_q8: 0,
+        effective_q8: 0,
+    };
+    Some(Ground { fit, first })
+}

@@ -1,0 +1,146 @@
+//! The road: a line under the sensor, followed outward to where the surface leaves it.
+
+use heapless::Vec;
+
+use super::line::{Fit, Gate, Line, fit, weigh};
+use super::sample::{Noise, Sample, millimetres};
+use crate::scan::MAX_BEAMS;
+
+/// How far on the other side of the sensor the road line still takes its points: short of a crown between lanes.
+pub const INNER: i32 = millimetres(1_000);
+
+/// The first piece of road reaches this far out; each further one twice as far as the one before, with its line.
+const FIRST_REACH: i32 = millimetres(1_200);
+
+/// Until the road's end is known, every fourth sample is enough to follow it.
+const THINNING: usize = 4;
+
+/// A departure is this many samples in a row beyond the threshold.
+const DEPARTURE_SAMPLES: u32 = 4;
+
+/// The fit ends this far before a departure, whose onset the threshold hides.
+const MARGIN: i32 = millimetres(350);
+
+/// A road of which fewer samples than this are seen is none.
+const MIN_SAMPLES: u32 = 12;
+
+/// Pseudo-observations that the assumed range noise counts for against the road's own residuals.
+const PRIOR: u32 = 24;
+
+/// The road line of one side.
+#[derive(Clone, Copy, Debug)]
+pub struct Road {
+    pub fit: Fit,
+    /// Index of the first sample of the significant departure; the number of samples when there is none.
+    pub departure: usize,
+    /// The noise with its range part brought up to date.
+    pub noise: Noise,
+}
+
+/// Finds the road line. `thin` is overwritten.
+pub fn find(samples: &mut [Sample], noise: Noise, thin: &mut Thin) -> Option<Road> {
+    thin.clear();
+    thin.extend(samples.iter().step_by(THINNING).copied());
+    let mut line = Line { u: 0, z: median_height(samples), slope_q30: 0 };
+    let mut reach = FIRST_REACH;
+    // Wide first: a cross slope of 5 degrees is 100 mm at the ends of the first piece.
+    for range in [millimetres(40), millimetres(15)] {
+        let wide = Noise { range: range as u32, ..noise };
+        line = step(inside(thin, reach), &line, &wide)?.line;
+    }
+    let mut noise = noise;
+    let mut departed = 0;
+    while reach < millimetres(30_000) {
+        let once = step(inside(thin, reach), &line, &noise)?;
+        let twice = step(inside(thin, reach), &once.line, &noise)?;
+        line = twice.line;
+        noise = updated(&noise, &twice);
+        departed = departure(samples, &line, &noise, samples.partition_point(|s| s.u < reach - MARGIN));
+        let end = samples.get(departed).map_or(i32::MAX, |s| s.u);
+        if end < 2 * reach {
+            break;
+        }
+        reach *= 2;
+    }
+    let end = samples.get(departed).or(samples.last())?.u - MARGIN;
+    let road = inside(samples, end.max(FIRST_REACH / 2));
+    let size = road.len();
+    let once = step(road, &line, &noise)?;
+    let fit = step(road, &once.line, &noise)?;
+    // Where less than half of the samples lie on the line, it is not the road.
+    if fit.count < MIN_SAMPLES || 2 * (fit.count as usize) < size {
+        return None;
+    }
+    let noise = updated(&noise, &fit);
+    let from = samples.partition_point(|s| s.u < end - MARGIN);
+    let departure = departure(samples, &fit.line, &noise, from);
+    Some(Road { fit, departure, noise })
+}
+
+impl Road {
+    /// Fits again up to the edge that the adjacent slope makes with the road.
+    pub fn settle(&mut self, samples: &mut [Sample], edge: i32) {
+        let road = inside(samples, edge.max(FIRST_REACH / 2));
+        if let Some(fit) = step(road, &self.fit.line, &self.noise) {
+            self.fit = fit;
+        }
+    }
+}
+
+/// Every fourth sample of a side.
+pub type Thin = Vec<Sample, { MAX_BEAMS / THINNING + 1 }>;
+
+/// The samples closer than `reach`.
+fn inside(samples: &mut [Sample], reach: i32) -> &mut [Sample] {
+    let end = samples.partition_point(|s| s.u < reach);
+    samples.get_mut(..end).unwrap_or_default()
+}
+
+fn step(samples: &mut [Sample], line: &Line, noise: &Noise) -> Option<Fit> {
+    let shift = weigh(samples, noise, line.slope_q14());
+    fit(samples, line, shift, Gate::TUKEY)
+}
+
+/// The point of significant departure, from sample `from` on: the first of [`DEPARTURE_SAMPLES`] in a row further from
+/// the line than 4 sigma of the range noise and 3 mm, and than 12 mm.
+fn departure(samples: &[Sample], line: &Line, noise: &Noise, from: usize) -> usize {
+    let mut row = 0;
+    for (index, sample) in samples.iter().enumerate().skip(from) {
+        let g_q14 = i32::from(sample.down_q14) + ((line.slope_q14() * i32::from(sample.out_q14)) >> 14);
+        let sigma = (noise.range as i32 * g_q14.abs()) >> 14;
+        let threshold = (4 * sigma + millimetres(3)).max(millimetres(12));
+        row = if line.residual(sample).abs() > threshold { row + 1 } else { 0 };
+        if row == DEPARTURE_SAMPLES {
+            return index + 1 - DEPARTURE_SAMPLES as usize;
+        }
+    }
+    samples.len()
+}
+
+/// The range noise that explains the residuals of a fit, with the assumed one as a prior.
+fn updated(noise: &Noise, found: &Fit) -> Noise {
+    // Residuals of n effective samples have n - 2 degrees of freedom; ratio = mean square over what was assumed.
+    let freedom_q8 = found.effective_q8.saturating_sub(2 << 8) + (PRIOR << 8);
+    let chi2_q8 = found.chi2_q8 + (PRIOR << 8);
+    let ratio_q10 = ((u64::from(chi2_q8) << 10) / u64::from(freedom_q8.max(1))).min(1 << 16);
+    // At the road the beam is nearly square to the surface: g is about 0.9, and the surface's part is taken off.
+    let assumed = u64::from(noise.range * noise.range) + u64::from(noise.rough2);
+    let total = (assumed * ratio_q10) >> 10;
+    let range = total.saturating_sub(u64::from(noise.rough2)).isqrt() as u32;
+    Noise { range: range.clamp(millimetres(1) as u32 / 2, Noise::MAX_RANGE), ..*noise }
+}
+
+/// Median height of the nine samples nearest to straight down.
+fn median_height(samples: &[Sample]) -> i32 {
+    let middle = samples.partition_point(|s| s.u < 0);
+    let from = middle.saturating_sub(4);
+    let mut heights = [0i32; 9];
+    let mut taken = 0;
+    for (height, sample) in heights.iter_mut().zip(samples.iter().skip(from)) {
+        *height = sample.z;
+        taken += 1;
+    }
+    let Some(heights) = heights.get_mut(..taken) else { return 0 };
+    heights.sort_unstable();
+    heights.get(taken / 2).copied().unwrap_or(0)
+}
