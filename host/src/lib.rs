@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 pub mod capture;
+pub mod commands;
 pub mod config;
 pub mod container;
 pub mod interrupt;

@@ -4,4 +4,6 @@ pub mod drive;
 pub mod frames;
 pub mod lidar;
 pub mod mapper;
+pub mod picture;
+pub mod raster;
 pub mod scene;

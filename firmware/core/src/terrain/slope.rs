@@ -34,58 +34,84 @@ pub(crate) fn measure(tile: &mut Tile) {
     tile.pairs = [x_pairs, y_pairs];
 }
 
-/// Median of the rises along x (`stride` 1) or y (`stride` 16).
+type Rises = [i16; TILE_CELLS];
+
+/// Median of the rises over four cells along x (`stride` 1) or y (`stride` 16), and how many there are. A sparse tile
+/// uses another span where that has more pairs.
 fn median_rise(tile: &Tile, stride: usize) -> (i16, u8) {
-    let (median, pairs) = median_over(tile, stride, SPAN);
-    if pairs >= 24 {
-        return (median, pairs);
-    }
-    // Sparse tile: other spans, brought to four cells.
-    let mut best = (median, pairs);
-    for span in [3usize, 6, 8, 12] {
-        let (other, pairs) = median_over(tile, stride, span);
+    let mut best: (Rises, u16, usize) = ([NONE; TILE_CELLS], 0, SPAN);
+    for span in [SPAN, 8, 3] {
+        let (rises, pairs) = rises(tile, stride, span);
         if pairs > best.1 {
-            best = ((i32::from(other) * SPAN as i32 / span as i32) as i16, pairs);
+            best = (rises, pairs, span);
+        }
+        if best.1 >= 20 {
+            break;
         }
     }
-    best
+    let (rises, pairs, span) = best;
+    let median = i32::from(median(&rises, pairs, limit(span)));
+    let over_four = median * SPAN as i32 / span.max(1) as i32;
+    (over_four as i16, pairs.min(255) as u8)
 }
 
-fn median_over(tile: &Tile, stride: usize, span: usize) -> (i16, u8) {
+fn limit(span: usize) -> i16 {
+    STEEPEST / SPAN as i16 * span as i16
+}
+
+fn rises(tile: &Tile, stride: usize, span: usize) -> (Rises, u16) {
     let mut rises = [NONE; TILE_CELLS];
-    let reach = span * stride;
-    let ends = tile.height.iter().zip(&tile.margin).skip(reach);
-    let starts = tile.height.iter().zip(&tile.margin);
-    for (index, (rise, ((h0, m0), (h1, m1)))) in rises.iter_mut().zip(starts.zip(ends)).enumerate() {
-        // Along x the last columns have no partner in their own row.
-        let inside = stride != 1 || (index & 15) + span < TILE_SIDE;
-        let difference = h1.wrapping_sub(*h0);
-        *rise = if inside && *m0 != 0 && *m1 != 0 { difference } else { NONE };
-    }
-    let limit = STEEPEST * (span as i16) / (SPAN as i16);
+    let known = tile.known_masks();
+    let limit = limit(span);
+    let reach = (span * stride).min(TILE_CELLS);
+    let ends = tile.height.iter().zip(&known).skip(reach);
+    let starts = tile.height.iter().zip(&known);
     let mut count = 0u16;
-    for rise in &mut rises {
-        let sound = *rise >= -limit && *rise <= limit;
-        count += u16::from(sound);
-        *rise = if sound { *rise } else { NONE };
+    for (rise, ((h0, k0), (h1, k1))) in rises.iter_mut().zip(starts.zip(ends)) {
+        let difference = h1.wrapping_sub(*h0);
+        let sound = k0 & k1 & -i16::from(difference >= -limit) & -i16::from(difference <= limit);
+        *rise = (difference & sound) | (NONE & !sound);
     }
-    if count == 0 {
-        return (0, 0);
+    if stride == 1 {
+        // The last columns have no partner in their own row.
+        for row in rises.chunks_exact_mut(TILE_SIDE) {
+            for rise in row.iter_mut().skip(TILE_SIDE - span.min(TILE_SIDE)) {
+                *rise = NONE;
+            }
+        }
     }
-    // Smallest value with at least half of the pairs at or below it, by bisection on the value: counting is a
-    // branchless pass over 256 words.
-    let half = count.div_ceil(2);
+    for rise in &rises {
+        count += u16::from(*rise != NONE);
+    }
+    (rises, count)
+}
+
+/// Smallest value with at least half of the pairs at or below it, by bisection on the value: counting is a branchless pass
+/// over 256 words.
+fn median(rises: &Rises, pairs: u16, limit: i16) -> i16 {
+    if pairs == 0 {
+        return 0;
+    }
+    let half = pairs.div_ceil(2);
     let (mut low, mut high) = (-limit, limit);
     while low < high {
         let middle = (low + high) >> 1;
-        let below: u16 = rises.iter().map(|rise| u16::from(*rise <= middle)).sum();
-        if below >= half {
+        if at_most(rises, middle) >= half {
             high = middle;
         } else {
             low = middle + 1;
         }
     }
-    (low, count.min(255) as u8)
+    low
+}
+
+#[inline(never)]
+fn at_most(rises: &Rises, bound: i16) -> u16 {
+    let mut count = 0i16;
+    for rise in rises {
+        count += i16::from(*rise <= bound);
+    }
+    count as u16
 }
 
 /// Pools the medians of a tile's neighbourhood: none where nothing around is known well enough.

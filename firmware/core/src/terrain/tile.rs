@@ -220,6 +220,16 @@ impl Tile {
         self.margin[index] = margin(weight, 0, margins);
     }
 
+    /// All ones where a cell is known, 0 where it is not.
+    #[inline]
+    pub(crate) fn known_masks(&self) -> [i16; TILE_CELLS] {
+        let mut masks = [0; TILE_CELLS];
+        for (mask, margin) in masks.iter_mut().zip(&self.margin) {
+            *mask = -i16::from(*margin != 0);
+        }
+        masks
+    }
+
     /// Empties a cell.
     pub(crate) fn clear(&mut self, cell: u8) {
         let index = usize::from(cell);

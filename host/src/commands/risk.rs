@@ -1,0 +1,247 @@
+//! `crossfall risk FRAMES -o DIR`: elevation and driving risk maps from 3-D LiDAR frames.
+//!
+//! Reads a folder in the KITTI odometry layout and writes `elevation.tif`, `sigma.tif`, `risk.tif`, `class.tif` (GeoTIFF),
+//! `risk.png` (shade is degree) and, on request, `cells.csv` and one picture a frame. `--at` stops after a frame, so
+//! that what was known then can be judged. A frame that cannot be trusted is left out, told on stderr and counted; the map
+//! is never touched by it, and the command ends with 3.
+
+use std::fs;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Instant;
+
+use anyhow::{Context, Result, anyhow, bail};
+use clap::Args;
+use crossfall_core::terrain::{Decision, FrameReport, Refusal, TerrainConfig};
+
+use crate::interrupt;
+use crate::terrain::frames::FrameFolder;
+use crate::terrain::lidar::SensorPose;
+use crate::terrain::mapper::{Mapper, Workshop};
+use crate::terrain::picture::{View, draw};
+use crate::terrain::raster::Raster;
+
+/// Elevation and driving risk maps (GeoTIFF, PNG, CSV of cells) from 3-D LiDAR frames
+#[derive(Debug, Args)]
+pub struct RiskArgs {
+    /// Folder with velodyne/NNNNNN.bin and poses.txt; times.txt, calib.txt and objects.csv are used where there are any
+    frames: PathBuf,
+    /// Folder for the maps; made if there is none
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Also write cells.csv: x_m,y_m,elevation_m,sigma_m,risk,class
+    #[arg(long)]
+    csv: bool,
+    /// Stop after this frame (0-based): what was known then
+    #[arg(long, value_name = "FRAME")]
+    at: Option<usize>,
+    /// How far ahead the map is kept, m
+    #[arg(long, value_name = "M", default_value_t = 60.0, value_parser = range)]
+    range: f32,
+    /// Side of a cell, m
+    #[arg(long, value_name = "M", default_value_t = 0.1, value_parser = cell)]
+    cell: f32,
+    /// Radius of the wheel that takes the steps, m
+    #[arg(long, value_name = "M", default_value_t = 0.32, value_parser = wheel)]
+    wheel: f32,
+    /// A picture of the surroundings every so many frames, in DIR/series
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    series: Option<u32>,
+    /// Only the map around the vehicle: forget what the window leaves behind
+    #[arg(long)]
+    window: bool,
+    /// Tell milliseconds, points and cells of every frame on stderr
+    #[arg(long)]
+    live: bool,
+    /// Print the summary as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+fn bounded(text: &str, low: f32, high: f32) -> Result<f32, String> {
+    let value: f32 = text.parse().map_err(|_| format!("'{text}' is no number"))?;
+    if value >= low && value <= high { Ok(value) } else { Err(format!("must be {low} to {high}")) }
+}
+
+fn range(text: &str) -> Result<f32, String> {
+    bounded(text, 5.0, 150.0)
+}
+
+fn cell(text: &str) -> Result<f32, String> {
+    bounded(text, 0.05, 0.5)
+}
+
+fn wheel(text: &str) -> Result<f32, String> {
+    bounded(text, 0.05, 2.0)
+}
+
+/// What happened to the frames of a run.
+#[derive(Debug, Default, serde::Serialize)]
+struct Summary {
+    frames: usize,
+    mapped: usize,
+    refused: usize,
+    restarts: usize,
+    points: u64,
+    points_not_finite: u64,
+    points_over_capacity: u64,
+    cells: usize,
+    cells_slow: usize,
+    cells_stop: usize,
+    ms_per_frame_median: f64,
+    ms_per_frame_worst: f64,
+    map_bytes: usize,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Input that cannot be used at all, output that cannot be written.
+pub fn run(args: &RiskArgs) -> Result<ExitCode> {
+    let folder = FrameFolder::open(&args.frames)?;
+    let last = args.at.unwrap_or(folder.len() - 1);
+    if last >= folder.len() {
+        bail!("--at {last}: the folder has frames 0 to {}", folder.len() - 1);
+    }
+    fs::create_dir_all(&args.output).with_context(|| format!("creating {}", args.output.display()))?;
+    let series = args.output.join("series");
+    if args.series.is_some() {
+        fs::create_dir_all(&series).with_context(|| format!("creating {}", series.display()))?;
+    }
+    let config = TerrainConfig {
+        cell_m: args.cell,
+        wheel_radius_mm: args.wheel * 1000.0,
+        // The window's far corners lie further away than the range.
+        farthest_m: 1.5 * args.range + 8.0,
+        ..TerrainConfig::default()
+    };
+    // Frames above a million points are thinned by nobody here: the core counts what does not fit.
+    let capacity = folder.largest()?.clamp(1, 1 << 20);
+    let mut workshop = Workshop::for_range(config, args.range, capacity);
+    let mut summary = Summary { map_bytes: workshop.bytes(), ..Summary::default() };
+    let mut mapper = workshop.open().map_err(|what| anyhow!("the map cannot be set up: {what:?}"))?;
+    mapper.keep_behind(!args.window);
+
+    let mut points = Vec::new();
+    let mut times = Vec::new();
+    let mut vehicle = None;
+    for index in 0..=last {
+        if interrupt::requested() {
+            bail!("interrupted");
+        }
+        summary.frames += 1;
+        if let Err(error) = folder.points(index, &mut points) {
+            eprintln!("frame {index}: left out: {error}");
+            summary.refused += 1;
+            continue;
+        }
+        let pose = folder.pose(index).ok_or_else(|| anyhow!("frame {index} has no pose"))?;
+        let started = Instant::now();
+        let report = mapper.integrate(&points, pose, folder.step_us(index), folder.boxes(index));
+        let ms = started.elapsed().as_secs_f64() * 1e3;
+        summary.account(&report);
+        tell(index, &report);
+        if report.refused.is_none() {
+            times.push(ms);
+            vehicle = Some(*pose);
+        }
+        if args.live {
+            let counts = &report.points;
+            eprintln!(
+                "frame {index}: {ms:.2} ms, {} points, {} fused, {} standing, {} tiles refreshed, lift {:+.1} mm, \
+                 tilt {:+.2} {:+.2} mm/m",
+                counts.given,
+                counts.fused,
+                counts.standing,
+                report.refreshed,
+                report.alignment.lift_mm,
+                report.alignment.tilt_mm_per_m[0],
+                report.alignment.tilt_mm_per_m[1]
+            );
+        }
+        if let Some(every) = args.series
+            && index % every as usize == 0
+            && let Some(pose) = &vehicle
+        {
+            mapper.refresh();
+            let raster = Raster::of_window(&mapper);
+            if let Some(raster) = raster {
+                draw(&raster, around(pose, args.range), Some(pose), &series.join(format!("{index:06}.png")))?;
+            }
+        }
+    }
+    let Some(vehicle) = vehicle else { bail!("none of the {} frames could be used", summary.frames) };
+    mapper.refresh();
+    write_maps(args, &mapper, &vehicle, &mut summary)?;
+    times.sort_by(f64::total_cmp);
+    summary.ms_per_frame_median = times[times.len() / 2];
+    summary.ms_per_frame_worst = times[times.len() - 1];
+    summary.print(args.json)?;
+    let lost = summary.refused > 0 || summary.points_over_capacity > 0;
+    Ok(ExitCode::from(if lost { 3 } else { 0 }))
+}
+
+fn around(pose: &SensorPose, range: f32) -> View {
+    let range = f64::from(range);
+    let ahead = |axis: usize| pose.position[axis] + pose.rotation[axis][0] * 0.42 * range;
+    View { centre: [ahead(0), ahead(1)], half: [0.6 * range, 0.6 * range], zoom: 1 }
+}
+
+fn write_maps(args: &RiskArgs, mapper: &Mapper<'_>, vehicle: &SensorPose, summary: &mut Summary) -> Result<()> {
+    let raster = Raster::of(mapper).ok_or_else(|| anyhow!("the frames hold no ground"))?;
+    for (_, _, cell) in raster.iter() {
+        summary.cells += 1;
+        match Decision::of(cell.cell.risk) {
+            Decision::Free => {}
+            Decision::Slow => summary.cells_slow += 1,
+            Decision::Stop => summary.cells_stop += 1,
+        }
+    }
+    let path = |name: &str| args.output.join(name);
+    raster.write_floats(&path("elevation.tif"), |cell| cell.elevation_m as f32)?;
+    raster.write_floats(&path("sigma.tif"), |cell| cell.sigma_m as f32)?;
+    raster.write_floats(&path("risk.tif"), |cell| f32::from(cell.cell.risk) / 255.0)?;
+    raster.write_bytes(&path("class.tif"), |cell| cell.cell.class as u8)?;
+    if args.csv {
+        raster.write_csv(&path("cells.csv"))?;
+    }
+    let view = if args.at.is_some() || args.window { View { zoom: 2, ..around(vehicle, args.range) } } else { raster.view() };
+    draw(&raster, view, Some(vehicle), &path("risk.png"))
+}
+
+/// Says on stderr what was wrong with a frame.
+fn tell(index: usize, report: &FrameReport) {
+    let why = match report.refused {
+        None if report.restarted => "the map begins anew: the vehicle went on from elsewhere",
+        None => return,
+        Some(Refusal::Pose) => "left out: its pose is no rotation and position",
+        Some(Refusal::Jump) => "left out: its pose does not continue the motion",
+        Some(Refusal::NoPoints) => "left out: no usable point",
+        Some(Refusal::Misfit) => "left out: it does not lie on the map",
+    };
+    eprintln!("frame {index}: {why}");
+}
+
+impl Summary {
+    fn account(&mut self, report: &FrameReport) {
+        self.mapped += usize::from(report.refused.is_none());
+        self.refused += usize::from(report.refused.is_some());
+        self.restarts += usize::from(report.restarted);
+        self.points += u64::from(report.points.given);
+        self.points_not_finite += u64::from(report.points.not_finite);
+        self.points_over_capacity += u64::from(report.points.over_capacity);
+    }
+
+    fn print(&self, json: bool) -> Result<()> {
+        if json {
+            println!("{}", serde_json::to_string_pretty(self)?);
+            return Ok(());
+        }
+        println!("frames       {} of {} mapped, {} left out", self.mapped, self.frames, self.refused);
+        println!("points       {}, {} not finite, {} over capacity", self.points, self.points_not_finite, self.points_over_capacity);
+        println!("cells        {}: {} slow down, {} stop", self.cells, self.cells_slow, self.cells_stop);
+        println!("time         {:.2} ms a frame (median), {:.2} worst", self.ms_per_frame_median, self.ms_per_frame_worst);
+        println!("memory       {:.1} MB, constant", self.map_bytes as f64 * 1e-6);
+        Ok(())
+    }
+}
