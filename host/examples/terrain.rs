@@ -4,7 +4,7 @@ use std::process::ExitCode;
 #[derive(Parser)]
 struct Cli { #[command(subcommand)] what: What }
 #[derive(Subcommand)]
-enum What { Risk(crossfall::commands::risk::RiskArgs), Simulate { scene: Option<std::path::PathBuf>, #[arg(short)] output: std::path::PathBuf, #[arg(long)] frames: Option<u32> } }
+enum What { Risk(crossfall::commands::risk::RiskArgs), Reproduce(crossfall::commands::reproduce_terrain::ReproduceTerrainArgs), Simulate { scene: Option<std::path::PathBuf>, #[arg(short)] output: std::path::PathBuf, #[arg(long)] frames: Option<u32> } }
 fn main() -> anyhow::Result<ExitCode> {
     match Cli::parse().what {
         What::Risk(args) => crossfall::commands::risk::run(&args),

@@ -89,7 +89,12 @@ pub(crate) fn align(
         if !(range2 >= near2 && range2 <= far2) {
             continue;
         }
-        let (offset, height) = projection.apply(p);
+        let turn = turn(p);
+        // Behind the beam the turn is at its ends, where rates explain least.
+        if turn.abs() > 0.25 {
+            continue;
+        }
+        let (offset, height) = projection.apply(p, turn);
         let (u, v) = (offset[0] + projection.origin[0], offset[1] + projection.origin[1]);
         if !(u >= 0.0 && v >= 0.0 && u < cells && v < cells) {
             continue;
@@ -105,11 +110,6 @@ pub(crate) fn align(
         let off = height.saturating_sub(known);
         // Beyond half a metre it is another thing, not a misfit.
         if off.abs() > 2000 {
-            continue;
-        }
-        let turn = turn(p);
-        // Behind the beam the turn is at its ends, where rates explain least.
-        if turn.abs() > 0.25 {
             continue;
         }
         let Some(pair) = pairs.get_mut(used) else { break };

@@ -11,6 +11,9 @@ pub struct TerrainConfig {
     pub farthest_m: f32,
     /// How far ahead of the sensor the window's centre lies, m.
     pub ahead_m: f32,
+    /// Part of a turn to each side of straight ahead whose points are used: 0.3 leaves out what lies behind. There the
+    /// body's motion within the turn is furthest from the pose, and the map knows the ground better from ahead.
+    pub half_turn: f32,
     /// Standard deviation of a range, mm.
     pub range_sigma_mm: f32,
     /// Floor of a point's height sigma, mm.
@@ -34,13 +37,14 @@ impl Default for TerrainConfig {
             nearest_m: 2.2,
             farthest_m: 90.0,
             ahead_m: 26.0,
+            half_turn: 0.3,
             range_sigma_mm: 20.0,
             floor_sigma_mm: 4.0,
             tilt_sigma_mm_per_m: 0.1,
             tall_above_m: 0.35,
             overhang_m: 2.6,
             wheel_radius_mm: 320.0,
-            refresh_every: 2,
+            refresh_every: 3,
         }
     }
 }
@@ -54,6 +58,7 @@ impl TerrainConfig {
             && within(self.nearest_m, 0.0, 50.0)
             && within(self.farthest_m, self.nearest_m, 250.0)
             && within(self.ahead_m, -200.0, 200.0)
+            && within(self.half_turn, 0.1, 0.5)
             && within(self.range_sigma_mm, 0.0, 1000.0)
             && within(self.floor_sigma_mm, 0.5, 1000.0)
             && within(self.tilt_sigma_mm_per_m, 0.0, 100.0)

@@ -2,7 +2,7 @@
 //!
 //! Ground of a tile that the map knows is the map's. Of a tile seen for the first time it is the lowest 0.1 m bin of the
 //! frame's own points below which lie at least a tenth of them; single low strays are passed over. Neighbours that are
-//! known overrule it when it comes out half a metre above them: then the first thing seen there was a body, not ground.
+//! known overrule it when it comes out 0.3 m above them: then the first thing seen there was a body, not ground.
 
 use super::tile::{TILE_SIDE, Tile};
 use super::window::Window;
@@ -113,8 +113,8 @@ pub(crate) fn settle_ground(window: &Window<'_>, marks: &mut [Marks]) {
         mark.ground = mark.lowest();
         if let Some((level, rise)) = expected(window, tile) {
             mark.rise = rise;
-            // 0.5 m in quarter millimetres.
-            if mark.ground > level.saturating_add(2000) {
+            // 0.3 m in quarter millimetres: twice a curb.
+            if mark.ground > level.saturating_add(1200) {
                 mark.ground = level;
             }
         }

@@ -48,6 +48,8 @@ pub struct PointCounts {
     pub not_finite: u32,
     /// Nearer or further than the configuration allows.
     pub out_of_range: u32,
+    /// Behind the sensor, further round than the configuration uses.
+    pub behind: u32,
     /// Outside the window.
     pub out_of_window: u32,
     /// Beyond the sample storage.
@@ -103,9 +105,9 @@ impl Projection {
 
     /// Cells from the sensor along x and y, and height above the datum.
     #[inline]
-    pub(crate) fn apply(&self, p: [f32; 3]) -> ([f32; 2], i32) {
+    pub(crate) fn apply(&self, p: [f32; 3], turn: f32) -> ([f32; 2], i32) {
         let offset = [dot(self.x, p), dot(self.y, p)];
-        let up = dot(self.z, p) + self.rest + turn(p) * (dot(self.z_rate, p) + self.lift_rate);
+        let up = dot(self.z, p) + self.rest + turn * (dot(self.z_rate, p) + self.lift_rate);
         let rounded = if up >= 0.0 { up + 0.5 } else { up - 0.5 };
         (offset, self.whole.saturating_add(rounded as i32))
     }
@@ -181,7 +183,12 @@ pub(crate) fn project(
             counts.out_of_range += 1;
             continue;
         }
-        let (offset, height) = projection.apply(p);
+        let turn = turn(p);
+        if turn.abs() > config.half_turn {
+            counts.behind += 1;
+            continue;
+        }
+        let (offset, height) = projection.apply(p, turn);
         let (u, v) = (offset[0] + projection.origin[0], offset[1] + projection.origin[1]);
         if !(u >= 0.0 && v >= 0.0 && u < cells && v < cells) {
             counts.out_of_window += 1;
