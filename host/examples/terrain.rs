@@ -8,6 +8,7 @@ enum What { Risk(crossfall::commands::risk::RiskArgs), Reproduce(crossfall::comm
 fn main() -> anyhow::Result<ExitCode> {
     match Cli::parse().what {
         What::Risk(args) => crossfall::commands::risk::run(&args),
+        What::Reproduce(args) => crossfall::commands::reproduce_terrain::run(&args),
         What::Simulate { scene, output, frames } => {
             let mut s: crossfall::terrain::drive::TerrainScene = match scene { Some(p) => toml::from_str(&std::fs::read_to_string(p)?)?, None => Default::default() };
             if let Some(f) = frames { s.frames = f; }

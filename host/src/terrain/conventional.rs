@@ -1,6 +1,6 @@
 //! The conventional method, for comparison: obstacles in one frame, by ground segmentation and Euclidean clustering.
 //!
-//! RANSAC fits the ground plane to the points ahead, least squares over its inliers refines it; points that stand more
+//! RANSAC fits a ground plane to the points ahead on each side of the vehicle, least squares over its inliers refines it; points that stand more
 //! than a threshold above it are clustered by distance, and clusters of enough points are obstacles. Threshold, distance and size are
 //! parameters; [`tuned`] is the set that sees the 12 cm curb of the seed scene furthest without false obstacles on its road.
 
@@ -27,7 +27,7 @@ pub struct Conventional {
 /// The parameters chosen on the seed scene, see `docs/risk-map.md`.
 #[must_use]
 pub fn tuned() -> Conventional {
-    Conventional { above_m: 0.05, gap_m: 0.6, least: 5, inlier_m: 0.04, plane_reach_m: 40.0 }
+    Conventional { above_m: 0.04, gap_m: 1.0, least: 6, inlier_m: 0.02, plane_reach_m: 40.0 }
 }
 
 impl Conventional {
@@ -39,14 +39,16 @@ impl Conventional {
             .map(|p| [f64::from(p[0]), f64::from(p[1]), f64::from(p[2])])
             .filter(|p| p[0] > 2.5 && p[0] < 90.0 && p[1].abs() < 12.0 && p.iter().all(|v| v.is_finite()))
             .collect();
-        let Some(plane) = self.plane(&ahead, seed) else { return Vec::new() };
-        let standing: Vec<[f64; 3]> = ahead
-            .into_iter()
-            .filter(|p| {
+        // Two zones: one plane over a crowned road settles on either of its halves and buries the other's curb.
+        let (left, right): (Vec<[f64; 3]>, Vec<[f64; 3]>) = ahead.into_iter().partition(|p| p[1] > 0.0);
+        let mut standing = Vec::new();
+        for zone in [left, right] {
+            let Some(plane) = self.plane(&zone, seed) else { continue };
+            standing.extend(zone.into_iter().filter(|p| {
                 let above = p[2] - plane[0] - plane[1] * p[0] - plane[2] * p[1];
                 above > self.above_m && above < 2.5
-            })
-            .collect();
+            }));
+        }
         self.clusters(standing)
     }
 

@@ -24,15 +24,14 @@ const FRAME_WIDTH_M: f64 = 0.5;
 pub struct CurbCurve {
     /// Mean occupancy by distance, from 8 m on.
     pub occupancy: Vec<f64>,
-    /// Longest run of free columns by distance, m: the worst of the maps judged.
+    /// Longest run of free columns by distance, m: the median of the maps judged.
     pub gap_m: Vec<f64>,
-    /// Least occupancy of the maps judged.
-    least: Vec<f64>,
+    gaps: Vec<Vec<f64>>,
 }
 
 impl CurbCurve {
     fn add(&mut self, columns: impl Fn(f64) -> [bool; COLUMNS]) {
-        let first = self.gap_m.is_empty();
+        let first = self.gaps.is_empty();
         for (index, distance) in DISTANCES.enumerate() {
             let columns = columns(f64::from(distance));
             let share = columns.iter().filter(|hit| **hit).count() as f64 / COLUMNS as f64;
@@ -44,12 +43,10 @@ impl CurbCurve {
             let gap = longest as f64 * COLUMN_M;
             if first {
                 self.occupancy.push(share);
-                self.gap_m.push(gap);
-                self.least.push(share);
+                self.gaps.push(vec![gap]);
             } else {
                 self.occupancy[index] += share;
-                self.gap_m[index] = self.gap_m[index].max(gap);
-                self.least[index] = self.least[index].min(share);
+                self.gaps[index].push(gap);
             }
         }
     }
@@ -57,6 +54,10 @@ impl CurbCurve {
     fn finish(&mut self, maps: usize) {
         for share in &mut self.occupancy {
             *share /= maps.max(1) as f64;
+        }
+        for gaps in &mut self.gaps {
+            gaps.sort_by(f64::total_cmp);
+            self.gap_m.push(gaps.get(gaps.len() / 2).copied().unwrap_or(f64::INFINITY));
         }
     }
 
@@ -66,7 +67,7 @@ impl CurbCurve {
         reach(self.occupancy.iter().map(|share| *share > 0.54))
     }
 
-    /// Largest distance at which no 2 m are free in any map judged, there and nearer, m.
+    /// Largest distance at which no 2 m are free in the median map, there and nearer, m.
     #[must_use]
     pub fn impassable_to(&self) -> u32 {
         reach(self.gap_m.iter().map(|gap| *gap < 2.0 - 1e-9))

@@ -7,7 +7,7 @@
 //! A spinning sensor takes a tenth of a second for a frame, in which a body that nods at 3 degrees/s turns by 0.3: the fit
 //! therefore has a rate for each of the three, over the part of the turn that a point's azimuth tells (0 ahead, +/-1/2 behind).
 //! The data decide their sign, so neither the sense of rotation nor the sensor's model need to be known, and a frame
-//! that was corrected before comes out with rates of nothing. At most 5,000 points of the half turn ahead take part.
+//! that was corrected before comes out with rates of nothing. At most 5,000 points of the 144 degrees ahead take part.
 
 use super::geometry::dot;
 use super::project::Projection;
@@ -91,7 +91,7 @@ pub(crate) fn align(
         }
         let turn = turn(p);
         // Behind the beam the turn is at its ends, where rates explain least.
-        if turn.abs() > 0.25 {
+        if turn.abs() > 0.2 {
             continue;
         }
         let (offset, height) = projection.apply(p, turn);

@@ -40,7 +40,7 @@ impl Default for TerrainConfig {
             half_turn: 0.3,
             range_sigma_mm: 20.0,
             floor_sigma_mm: 4.0,
-            tilt_sigma_mm_per_m: 0.1,
+            tilt_sigma_mm_per_m: 0.15,
             tall_above_m: 0.35,
             overhang_m: 2.6,
             wheel_radius_mm: 320.0,

@@ -1,6 +1,7 @@
 //! First-order differentiation that knows what the heights are worth.
 //!
-//! The relief of a cell is the largest height minus the smallest within 5 x 5 cells, the road's gradient taken out; every height
+//! The relief of a cell is the largest height minus the smallest within 5 x 5 cells (3 x 3 where that holds less than half of it, so
+//! that an edge is not smeared over half a metre), the road's gradient taken out; every height
 //! is drawn towards the other end by 0.7 sigma first, so a step must survive both intervals and noise alone gives none.
 //! Where cells are empty the extremes of their neighbours flow in, at most three cells, through empty cells only: two
 //! rings a metre apart meet, and a curb between known cells is not widened.
@@ -115,16 +116,19 @@ impl Patch {
                 self.flow(&mut high, &mut low);
             }
         }
-        let (mut top, mut bottom): (Plane, Plane) = ([[NO_HIGH; WIDTH]; ROWS], [[NO_LOW; WIDTH]; ROWS]);
-        for ((high, low), (top, bottom)) in high.iter().zip(&low).zip(top.iter_mut().zip(bottom.iter_mut())) {
-            widen_five(high, low, top, bottom);
+        let mut five: [(Row, Row); ROWS] = [([NO_HIGH; WIDTH], [NO_LOW; WIDTH]); ROWS];
+        let mut three = five;
+        for ((high, low), (five, three)) in high.iter().zip(&low).zip(five.iter_mut().zip(three.iter_mut())) {
+            widen_five(high, low, &mut five.0, &mut five.1);
+            widen_three(high, low, &mut three.0, &mut three.1);
         }
         let mut out = [[i16::MIN; TILE_SIDE]; TILE_SIDE];
         for row in 0..TILE_SIDE {
             // Rows row + 3 to row + 7 of the work area surround row + 5.
-            let five = |plane: &Plane, at: usize| -> Row { plane[row + HALO - 2 + at] };
-            let rows = [0, 1, 2, 3, 4].map(|at| (five(&top, at), five(&bottom, at)));
-            span_of_five(&rows, &high[row + HALO], &mut out[row]);
+            let at = row + HALO;
+            let five = [&five[at - 2], &five[at - 1], &five[at], &five[at + 1], &five[at + 2]];
+            let three = [&three[at - 1], &three[at], &three[at + 1]];
+            span(five, three, &high[at], &mut out[row]);
         }
         out
     }
@@ -186,14 +190,21 @@ fn fill_empty(around: [&(Row, Row); 3], known: &Row, high: &mut Row, low: &mut R
     }
 }
 
-/// Largest minus smallest over five rows; `i16::MIN` where nothing is known and no neighbour reaches: nothing to judge.
+/// Largest minus smallest over 5 x 5 cells, or over 3 x 3 where that is less than half of it: the edge is then further off
+/// than a cell. `i16::MIN` where nothing is known and no neighbour reaches: nothing to judge.
 #[inline(never)]
-fn span_of_five(rows: &[(Row, Row); 5], own: &Row, out: &mut [i16; TILE_SIDE]) {
+fn span(five: [&(Row, Row); 5], three: [&(Row, Row); 3], own: &Row, out: &mut [i16; TILE_SIDE]) {
     for column in 0..TILE_SIDE {
         let at = column + HALO;
-        let top = rows[0].0[at].max(rows[1].0[at]).max(rows[2].0[at]).max(rows[3].0[at]).max(rows[4].0[at]);
-        let bottom = rows[0].1[at].min(rows[1].1[at]).min(rows[2].1[at]).min(rows[3].1[at]).min(rows[4].1[at]);
-        let span = top.saturating_sub(bottom).max(0);
-        out[column] = if own[at] == NO_HIGH { i16::MIN } else { span };
+        let [a, b, c, d, e] = five;
+        let top = a.0[at].max(b.0[at]).max(c.0[at]).max(d.0[at]).max(e.0[at]);
+        let bottom = a.1[at].min(b.1[at]).min(c.1[at]).min(d.1[at]).min(e.1[at]);
+        let wide = top.saturating_sub(bottom).max(0);
+        let [a, b, c] = three;
+        let top = a.0[at].max(b.0[at]).max(c.0[at]);
+        let bottom = a.1[at].min(b.1[at]).min(c.1[at]);
+        let near = top.saturating_sub(bottom).max(0);
+        let relief = if near >= wide >> 1 { wide } else { near };
+        out[column] = if own[at] == NO_HIGH { i16::MIN } else { relief };
     }
 }
