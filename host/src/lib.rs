@@ -5,6 +5,7 @@ pub mod calibrate;
 pub mod capture;
 pub mod config;
 pub mod container;
+pub mod import;
 pub mod interrupt;
 pub mod log;
 pub mod output;
