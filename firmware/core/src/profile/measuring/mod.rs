@@ -19,7 +19,7 @@ use crate::trig;
 use hinge::Place;
 use road::Road;
 use sample::{GRAIN_BITS, Noise, Sample, Samples};
-use search::{Anchors, Wanted};
+use search::Wanted;
 use slope::Found;
 
 pub use sample::Outward;
@@ -28,7 +28,6 @@ pub use sample::Outward;
 #[derive(Debug, Default)]
 pub struct Workspace {
     samples: Samples,
-    anchors: Anchors,
     thin: road::Thin,
 }
 
@@ -36,7 +35,7 @@ impl Workspace {
     /// An empty workspace.
     #[must_use]
     pub const fn new() -> Self {
-        Self { samples: Samples::new(), anchors: Anchors::new(), thin: road::Thin::new() }
+        Self { samples: Samples::new(), thin: road::Thin::new() }
     }
 }
 
@@ -80,14 +79,16 @@ pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Wo
         longest: limits.max_length_um >> GRAIN_BITS,
         obstruction: (limits.obstruction_um >> GRAIN_BITS).clamp(1, (1 << 15) - 1),
     };
-    let from_u = samples.get(road.departure).map_or(i32::MAX, |s| s.u - sample::millimetres(500));
-    let from = samples.partition_point(|s| s.u < from_u);
+    let departure = samples.get(road.departure).map_or(i32::MAX >> 8, |s| s.u);
+    let start = departure - sample::millimetres(500);
+    let from = sample::inward_of(samples, road.fit.line.place_at(start));
     let mut noise = road.noise;
-    let Some(adjacent) = slope::measure(samples, &mut work.anchors, from, &wanted(false), &mut noise) else {
+    let Some(adjacent) = slope::measure(samples, (from, start), &wanted(false), &mut noise) else {
         return side;
     };
     let from = adjacent.run.last + 1;
-    let opposing = slope::measure(samples, &mut work.anchors, from, &wanted(true), &mut noise);
+    let start = samples.get(adjacent.run.last).map_or(start, |s| s.u);
+    let opposing = slope::measure(samples, (from, start), &wanted(true), &mut noise);
     let section = Section { outward, road, adjacent, opposing, noise };
     section.report(&mut side, samples, &wanted(false), &wanted(true));
     side
