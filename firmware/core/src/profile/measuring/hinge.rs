@@ -46,9 +46,8 @@ pub fn meeting(a: &Fit, b: &Fit) -> Option<(i32, u32)> {
     Some((u, half.scaled(0)))
 }
 
-/// The road edge.
-pub fn edge(samples: &[Sample], road: &Fit, departure: usize, adjacent: &Found) -> Place {
-    let departed = samples.get(departure).map_or(adjacent.fit.line.u, |s| s.u);
+/// The road edge, `departed` being how far out the road's departure is.
+pub fn edge(road: &Fit, departed: i32, adjacent: &Found) -> Place {
     match meeting(road, &adjacent.fit) {
         Some((u, half)) if u < adjacent.fit.line.u => Place { u, half, departure: departed, seen: true },
         _ => Place { u: departed, half: 0, departure: departed, seen: true },

@@ -56,13 +56,13 @@ pub fn find(samples: &mut [Sample], noise: Noise, thin: &mut Thin) -> Option<Roa
         line = twice.line;
         noise = updated(&noise, &twice);
         departed = departure(samples, &line, &noise, inward_of(samples, line.place_at(reach - MARGIN)));
-        let end = samples.get(departed).map_or(i32::MAX, |s| s.u);
+        let end = departed_at(samples, &line, departed).unwrap_or(i32::MAX);
         if end < 2 * reach {
             break;
         }
         reach *= 2;
     }
-    let end = samples.get(departed).or(samples.last())?.u - MARGIN;
+    let end = departed_at(samples, &line, departed).unwrap_or(reach) - MARGIN;
     let road = inside(samples, &line, end.max(FIRST_REACH / 2));
     let size = road.len();
     let once = step(road, &line, &noise)?;
@@ -78,6 +78,11 @@ pub fn find(samples: &mut [Sample], noise: Noise, thin: &mut Thin) -> Option<Roa
 }
 
 impl Road {
+    /// How far out the road is left; nothing when it is not.
+    pub fn departed_at(&self, samples: &[Sample]) -> Option<i32> {
+        departed_at(samples, &self.fit.line, self.departure)
+    }
+
     /// Fits again up to the edge that the adjacent slope makes with the road.
     pub fn settle(&mut self, samples: &mut [Sample], edge: i32) {
         let road = inside(samples, &self.fit.line, edge.max(FIRST_REACH / 2));
@@ -115,6 +120,12 @@ fn departure(samples: &[Sample], line: &Line, noise: &Noise, from: usize) -> usi
         }
     }
     samples.len()
+}
+
+/// How far out a departure lies: by the sample of it that is least off the line, as one of them may be a stray.
+fn departed_at(samples: &[Sample], line: &Line, departure: usize) -> Option<i32> {
+    let row = samples.get(departure..departure + DEPARTURE_SAMPLES as usize)?;
+    row.iter().min_by_key(|s| line.residual(s).abs()).map(|s| s.u)
 }
 
 /// The range noise that explains the residuals of a fit, with the assumed one as a prior.
