@@ -85,6 +85,7 @@ impl Scan<'_> {
 
 /// How a scan is to be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ScanMode {
     /// Angle of the whole scan in degrees: 180 or 100.
     pub span_deg: u8,
@@ -134,6 +135,7 @@ pub struct Fix {
 
 /// One edge of the pulse per second.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Pulse {
     /// The edge.
     pub time: DeviceTime,
@@ -143,6 +145,7 @@ pub struct Pulse {
 
 /// What the clock made of a pulse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum PulseVerdict {
     /// It continues the second count.
     Accepted,
@@ -154,6 +157,7 @@ pub enum PulseVerdict {
 
 /// The mapping between device time and GPS time: `gps = gps_us + (device - anchor) * (1 - drift)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ClockState {
     /// Device time of the anchor.
     pub anchor: DeviceTime,
@@ -301,6 +305,7 @@ pub struct Status {
 
 /// Counters of one sensor line. `bytes` = bytes of good frames + `skipped` + those of a frame under way.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LineCounters {
     /// Bytes received.
     pub bytes: u64,
@@ -328,6 +333,7 @@ pub struct LogLine<'a> {
 
 /// Gravity of a log line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Level {
     /// Something failed.
     Error,
@@ -341,6 +347,7 @@ pub enum Level {
 
 /// The answer to a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Reply {
     /// The sequence number of the command's frame.
     pub to: u16,
@@ -350,6 +357,7 @@ pub struct Reply {
 
 /// What came of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Outcome {
     /// Done.
     Done,
@@ -363,6 +371,7 @@ pub enum Outcome {
 
 /// A border of the survey.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Session {
     /// The survey begins with empty histories.
     Started(DeviceTime),

@@ -61,14 +61,14 @@ pub fn estimate(values: &[u16], interlaced: bool, is_range: impl Fn(u16) -> bool
         turn = fit(&near);
     }
     let shift = ((i64::from(turn) * TWO_STEPS) >> 16) as i32;
-    let (mut sum, mut count) = (0_u32, 1_u32);
+    let (mut sum, mut count) = (0_u32, 0_u32);
     for (slant, miss) in odd_beams() {
         let rest = miss - ((i64::from(slant) * i64::from(turn)) >> 16) as i32;
         sum += rest.unsigned_abs().min((slant.unsigned_abs() >> 5) + 30);
         count += 1;
     }
     // A deviation from the mean of two neighbours is 1.22 times one's own; 213/256 takes that off.
-    let mean = sum * 213 / count;
+    let mean = sum * 213 / count.max(1);
     let noise = (0..15).find(|&index| noise(index) + noise(index) / 5 >= mean).unwrap_or(15);
     Estimate { shift: shift.clamp(-MAX_SHIFT, MAX_SHIFT), noise }
 }

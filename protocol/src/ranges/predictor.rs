@@ -88,7 +88,7 @@ impl Steps {
 
 /// Sine of a small angle, both in 2^-39: x - x^3/6, good to 1e-9 of itself up to 2 degrees.
 fn sin39(x: i64) -> i64 {
-    let square = (x >> 12) * (x >> 12) >> 15;
+    let square = ((x >> 12) * (x >> 12)) >> 15;
     x - (((x >> 12) * (square >> 8)) >> 19) / 6
 }
 
