@@ -292,9 +292,9 @@ fn read_value(reader: &mut Reader<'_>, state: &mut State, forecast: &Forecast) -
 
 fn read_symbol(reader: &mut Reader<'_>, scale: Scale) -> u32 {
     let place = reader.peek();
-    let shares = SHARES.get(scale.row).copied().unwrap_or([0; SHARES[0].len()]);
+    let shares = SHARES.get(scale.row).map_or(&[][..], |row| &row[..]);
     let (mut start, mut symbol) = (0, 0);
-    for share in shares.into_iter().map(u32::from) {
+    for share in shares.iter().copied().map(u32::from) {
         if place < start + share {
             reader.take(start, share);
             break;
