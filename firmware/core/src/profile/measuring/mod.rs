@@ -16,8 +16,10 @@ use crossfall_protocol::message::{Hinge, Side, flags};
 
 use crate::scan::Points;
 use crate::trig;
-use sample::{GRAIN_BITS, Noise, Samples};
-use search::{Anchors, Wanted};
+use hinge::Place;
+use road::Road;
+use sample::{GRAIN_BITS, Noise, Sample, Samples};
+use search::Wanted;
 use slope::Found;
 
 pub use sample::Outward;
@@ -26,14 +28,14 @@ pub use sample::Outward;
 #[derive(Debug, Default)]
 pub struct Workspace {
     samples: Samples,
-    anchors: Anchors,
+    thin: road::Thin,
 }
 
 impl Workspace {
     /// An empty workspace.
     #[must_use]
     pub const fn new() -> Self {
-        Self { samples: Samples::new(), anchors: Anchors::new() }
+        Self { samples: Samples::new(), thin: road::Thin::new() }
     }
 }
 
@@ -58,34 +60,38 @@ pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Wo
     }
     let mut side = Side::default();
     let prior = prior_noise(survey, scan.unit_um);
-    let Some(road) = road::find(&mut work.samples, prior) else {
+    let Some(road) = road::find(&mut work.samples, prior, &mut work.thin) else {
         side.flags = flags::NO_ROAD;
         return side;
     };
     side.road = Some(trig::slope_angle(road.fit.line.slope_q30));
     let samples = &mut work.samples;
-    let departure_um = samples.get(road.departure).map_or(0, |s| outward.lateral_um(s.u));
-    if road.departure < samples.len() {
-        side.edge = Some(Hinge { y_um: departure_um, ci95_um: 0, departure_um });
-    }
-    search::anchors(samples, &mut work.anchors);
+    let Some(departure) = road.departed_at(samples) else {
+        side.flags = flags::END_UNSEEN;
+        return side;
+    };
+    let departure_um = outward.lateral_um(departure);
+    side.edge = Some(Hinge { y_um: departure_um, ci95_um: 0, departure_um });
     let limits = &survey.limits;
     let (least_q14, most_q14) = (trig::slope(limits.min_slope) >> 16, trig::slope(limits.max_slope) >> 16);
     let wanted = |rising: bool| Wanted {
         least_q14: if rising { least_q14 - SLACK_Q14 } else { -most_q14 - SLACK_Q14 },
         most_q14: if rising { most_q14 + SLACK_Q14 } else { -least_q14 + SLACK_Q14 },
+        shortest: limits.min_length_um >> GRAIN_BITS,
         longest: limits.max_length_um >> GRAIN_BITS,
         obstruction: (limits.obstruction_um >> GRAIN_BITS).clamp(1, (1 << 15) - 1),
     };
-    let from_u = samples.get(road.departure).map_or(i32::MAX, |s| s.u - sample::millimetres(500));
-    let from = samples.partition_point(|s| s.u < from_u);
+    let start = departure - sample::millimetres(500);
+    let from = sample::inward_of(samples, road.fit.line.place_at(start));
     let mut noise = road.noise;
-    let Some(adjacent) = slope::measure(samples, &work.anchors, from, &wanted(false), &mut noise) else {
+    let Some(adjacent) = slope::measure(samples, (from, start), &wanted(false), &mut noise) else {
         return side;
     };
     let from = adjacent.run.last + 1;
-    let opposing = slope::measure(samples, &work.anchors, from, &wanted(true), &mut noise);
-    report(&mut side, samples, outward, &road, adjacent, opposing, &noise);
+    let start = samples.get(adjacent.run.last).map_or(start, |s| s.u);
+    let opposing = slope::measure(samples, (from, start), &wanted(true), &mut noise);
+    let section = Section { outward, road, departure, adjacent, opposing, noise };
+    section.report(&mut side, samples, &wanted(false), &wanted(true));
     side
 }
 
@@ -103,37 +109,63 @@ fn prior_noise(survey: &Survey, unit_um: i32) -> Noise {
     }
 }
 
-/// Settles the slopes between their hinges and fills in what was found.
-fn report(
-    side: &mut Side,
-    samples: &mut [sample::Sample],
-    outward: Outward,
-    road: &road::Road,
-    mut adjacent: Found,
-    mut opposing: Option<Found>,
-    noise: &Noise,
-) {
-    for pass in 0..=SETTLING {
-        let edge = hinge::edge(samples, &road.fit, road.departure, &adjacent);
-        let (foot, facing) = match &opposing {
-            Some(opposing) => {
-                let (foot, start) = hinge::across(samples, &adjacent, opposing, noise);
-                (foot, Some((start, hinge::end(samples, opposing, noise))))
-            }
-            None => (hinge::end(samples, &adjacent, noise), None),
-        };
-        if pass < SETTLING {
-            adjacent.settle(samples, &edge, &foot, noise);
-            if let (Some(opposing), Some((start, top))) = (&mut opposing, &facing) {
-                opposing.settle(samples, start, top, noise);
-            }
-            continue;
-        }
-        side.edge = Some(edge.message(outward));
-        side.adjacent = Some(adjacent.message(outward, &edge, &foot));
-        side.opposing = opposing.zip(facing).map(|(opposing, (start, top))| opposing.message(outward, &start, &top));
-    }
-}
-
 /// How often the slopes are fitted anew between the hinges that they make.
 const SETTLING: usize = 2;
+
+/// One side with its slopes found but not yet bounded.
+struct Section {
+    outward: Outward,
+    road: Road,
+    departure: i32,
+    adjacent: Found,
+    opposing: Option<Found>,
+    noise: Noise,
+}
+
+/// The hinges of a section, from the road outward.
+struct Hinges {
+    edge: Place,
+    foot: Place,
+    /// Foot and top of the opposing slope.
+    facing: Option<(Place, Place)>,
+}
+
+impl Section {
+    fn hinges(&self, samples: &mut [Sample]) -> Hinges {
+        let edge = hinge::edge(&self.road.fit, self.departure, &self.adjacent);
+        match &self.opposing {
+            Some(opposing) => {
+                let (foot, start) = hinge::across(samples, &self.adjacent, opposing, &self.noise);
+                Hinges { edge, foot, facing: Some((start, hinge::end(samples, opposing, &self.noise))) }
+            }
+            None => Hinges { edge, foot: hinge::end(samples, &self.adjacent, &self.noise), facing: None },
+        }
+    }
+
+    /// Settles the slopes between their hinges and fills in what was found.
+    fn report(mut self, side: &mut Side, samples: &mut [Sample], falling: &Wanted, rising: &Wanted) {
+        for _ in 0..SETTLING {
+            let Hinges { edge, foot, facing } = self.hinges(samples);
+            self.road.settle(samples, edge.u);
+            self.adjacent.settle(samples, &edge, &foot, &self.noise);
+            if let (Some(opposing), Some((start, top))) = (&mut self.opposing, &facing) {
+                opposing.settle(samples, start, top, &self.noise);
+            }
+        }
+        let Hinges { edge, foot, facing } = self.hinges(samples);
+        side.edge = Some(edge.message(self.outward));
+        if self.adjacent.within(&edge, &foot, falling) {
+            side.adjacent = Some(self.adjacent.message(self.outward, &edge, &foot));
+            side.flags |= self.adjacent.marks(samples, &edge, &foot, &self.noise, falling.obstruction);
+            side.flags |= hinge::rounded(samples, &edge, &self.road.fit.line, &self.adjacent.fit.line, &self.noise);
+        }
+        match (self.opposing, facing) {
+            (Some(opposing), Some((start, top))) if opposing.within(&start, &top, rising) => {
+                side.opposing = Some(opposing.message(self.outward, &start, &top));
+                side.flags |= opposing.marks(samples, &start, &top, &self.noise, rising.obstruction);
+                side.flags |= if top.seen { 0 } else { flags::END_UNSEEN };
+            }
+            _ => side.flags |= if foot.seen { 0 } else { flags::END_UNSEEN },
+        }
+    }
+}

@@ -41,7 +41,9 @@ pub type Samples = Vec<Sample, MAX_BEAMS>;
 /// Which way is outward.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outward {
+    /// To the left of the vehicle.
     Left,
+    /// To the right.
     Right,
 }
 
@@ -75,6 +77,13 @@ impl Noise {
         let part = (self.range * g_q14.unsigned_abs()) >> 14;
         part * part + self.rough2
     }
+}
+
+/// How many samples were seen under a direction inward of a place. Beams turn outward one after the other, whatever they
+/// hit: the order holds for strays and vegetation too, whose distance outward does not tell where they belong.
+pub fn inward_of(samples: &[Sample], (u, z): (i32, i32)) -> usize {
+    // The cross product of the beam and the place: at most 2^14 x 2^25 each.
+    samples.partition_point(|s| i64::from(s.out_q14) * i64::from(z) + i64::from(s.down_q14) * i64::from(u) > 0)
 }
 
 /// Takes one side's returns out of a scan, in outward order, beginning `inner` grains on the other side.
