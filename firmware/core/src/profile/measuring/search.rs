@@ -23,7 +23,7 @@ const BASES: [i32; 6] = [
 ];
 
 /// Candidates that are scored on all samples.
-const FINALISTS: usize = 2;
+const FINALISTS: usize = 3;
 
 /// What a search may find.
 #[derive(Clone, Copy, Debug)]
@@ -50,11 +50,12 @@ pub struct Run {
 pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) -> Option<(Line, Run)> {
     let mut finalists = [(Line::default(), 0i32); FINALISTS];
     mark_raised(samples, wanted);
-    // The last sample of a run so good that starting within it would only find it again.
-    let mut settled = 0;
+    // Starting within a good run would mostly find it again: past `settled` and `thinned` all and every third start counts.
+    let (mut settled, mut thinned) = (0, 0);
     for (i, a) in samples.iter().enumerate() {
         // A stray may lie anywhere: it does not end the search.
-        if i < settled || a.u > start + START_REACH || a.weight == RAISED {
+        let skipped = i < settled || (i < thinned && i % 3 != 0);
+        if skipped || a.u > start + START_REACH || a.weight == RAISED {
             continue;
         }
         let along = samples.get(i..).unwrap_or_default();
@@ -78,8 +79,11 @@ pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) 
             let weakest = finalists.last().map_or(0, |f| f.1);
             let found = run_from(along, &line, wanted, noise, weakest);
             let span = (found.last - found.first) as i32 + 1;
-            if span >= 10 && found.score > span * SETTLED_SCORE {
-                settled = settled.max(i + found.last);
+            if span >= 10 && found.score > span * THINNED_SCORE {
+                thinned = thinned.max(i + found.last);
+                if found.score > span * SETTLED_SCORE {
+                    settled = thinned;
+                }
             }
             admit(&mut finalists, line, b.u, found.score);
         }
@@ -155,8 +159,10 @@ fn grow(samples: &mut [Sample], line: &Line, wanted: &Wanted, noise: &Noise) -> 
     Some(if grown.score > first.score { (once, grown) } else { (*line, first) })
 }
 
-/// A run that earns this much a sample is what there is to find along its line.
-const SETTLED_SCORE: i32 = 150;
+/// A run that earns this much a sample is what there is to find along its line ...
+const SETTLED_SCORE: i32 = 230;
+/// ... and one that earns this much may still be a mixture of slope and vegetation.
+const THINNED_SCORE: i32 = 180;
 
 /// A run that begins with the first sample is over when it has lost this much.
 const DROP: i32 = 600;
