@@ -5,6 +5,7 @@ pub mod capture;
 pub mod config;
 pub mod container;
 pub mod import;
+pub mod info;
 pub mod interrupt;
 pub mod log;
 pub mod output;
