@@ -1,6 +1,7 @@
 //! The crossfall host: logs, verification, profiles, maps.
 #![forbid(unsafe_code)]
 
+pub mod calibrate;
 pub mod capture;
 pub mod config;
 pub mod container;
