@@ -66,7 +66,9 @@ fn look_at_capture(capture: Reader) -> Result<Info, Error> {
                     Channel::Lidar => chunk.data.iter().for_each(|&byte| lidar.push(byte, at, &mut |_| ())),
                     Channel::Ins => chunk.data.iter().for_each(|&byte| ins.push(byte, at, &mut |_| ())),
                     Channel::Pps => info.pulses += 1,
-                    Channel::Ins2 => *info.counters.entry("ins2.bytes".to_owned()).or_default() += chunk.data.len() as u64,
+                    Channel::Ins2 => {
+                        *info.counters.entry("ins2.bytes".to_owned()).or_default() += chunk.data.len() as u64
+                    }
                 }
             }
             Err(Error::Interrupted) => return Err(Error::Interrupted),
@@ -129,7 +131,8 @@ fn look_at_log(mut log: Stream) -> Info {
             Item::Damage(error) => info.damage.push(error.to_string()),
         }
     }
-    for (name, count) in [("frames", frames), ("bad_frames", bad), ("missing_frames", missing), ("profiles", profiles)] {
+    for (name, count) in [("frames", frames), ("bad_frames", bad), ("missing_frames", missing), ("profiles", profiles)]
+    {
         info.counters.insert(format!("link.{name}"), count);
     }
     for (name, entries) in log.metadata() {

@@ -52,14 +52,27 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     capture.finish()?;
     if let Some(Lidar { line, scans, replies, missing, seconds }) = found_lidar {
-        tell!("lidar: {} bytes, {scans} scans, {replies} other telegrams, {} failed their CRC, {} bytes between telegrams", line.bytes, line.bad_frames, line.skipped);
-        tell!("lidar: no times in a dump; assumed that a scan follows the other (13.32 ms a mirror turn): {seconds:.2} s");
+        tell!(
+            "lidar: {} bytes, {scans} scans, {replies} other telegrams, {} failed their CRC, {} bytes between telegrams",
+            line.bytes,
+            line.bad_frames,
+            line.skipped
+        );
+        tell!(
+            "lidar: no times in a dump; assumed that a scan follows the other (13.32 ms a mirror turn): {seconds:.2} s"
+        );
         if missing > 0 {
             tell!("lidar: the telegram index shows {missing} scans missing; their time is left free");
         }
     }
     if let Some(Ins { line, poses, untimed, seconds }) = found_ins {
-        tell!("ins: {} bytes, {} frames, {poses} poses, {} failed their CRC, {} bytes between frames", line.bytes, line.frames, line.bad_frames, line.skipped);
+        tell!(
+            "ins: {} bytes, {} frames, {poses} poses, {} failed their CRC, {} bytes between frames",
+            line.bytes,
+            line.frames,
+            line.bad_frames,
+            line.skipped
+        );
         tell!("ins: times from the frames' GPS time, taken to arrive 20 ms later: {seconds:.2} s; no pulses");
         if untimed > 0 {
             tell!("ins: {untimed} frames of unknown GPS time are placed right behind the ones before");

@@ -24,10 +24,14 @@ use crossfall_core::protocol::Config;
 /// and the slopes beyond. This program logs what the board sends, proves the log, and turns drives into tables and pictures; it also
 /// runs the board's own code over captures and simulates drives.
 #[derive(Parser)]
-#[command(version, max_term_width = 100, after_help = "\
+#[command(
+    version,
+    max_term_width = 100,
+    after_help = "\
 Begin with: crossfall demo
 
-Exit status: 0 done, 1 failed, 2 usage, 3 done but data was lost or did not verify.")]
+Exit status: 0 done, 1 failed, 2 usage, 3 done but data was lost or did not verify."
+)]
 pub struct Cli {
     #[command(subcommand)]
     pub command: Option<Command>,

@@ -31,7 +31,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         write_csv(&mut rows, io::stdout().lock(), stop).map_err(unwrapped)?;
     } else {
         let known = args.output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
-        anyhow::ensure!(known || !args.output.extension().is_some(), "{}: expected a name that ends in .csv", args.output.display());
+        anyhow::ensure!(
+            known || !args.output.extension().is_some(),
+            "{}: expected a name that ends in .csv",
+            args.output.display()
+        );
         distinct(&[&args.log], &args.output)?;
         let mut output = Output::create(&args.output)?;
         let count = write_csv(&mut rows, &mut output, stop)
@@ -40,7 +44,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         tell!("{}: {count} rows", args.output.display());
     }
     if rows.damage() > 0 {
-        tell!("{}: {} damaged, broken or missing parts passed over; see `crossfall verify`", args.log.display(), rows.damage());
+        tell!(
+            "{}: {} damaged, broken or missing parts passed over; see `crossfall verify`",
+            args.log.display(),
+            rows.damage()
+        );
     }
     Ok(Outcome::lost_if(rows.damage() > 0))
 }

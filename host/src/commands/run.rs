@@ -34,7 +34,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut capture = Reader::open(&args.capture)?;
     capture.require(Channel::Lidar)?;
     let mut absent = false;
-    for (channel, means) in [(Channel::Ins, "every section is measured with roll 0"), (Channel::Pps, "poses are timed by their arrival")] {
+    for (channel, means) in
+        [(Channel::Ins, "every section is measured with roll 0"), (Channel::Pps, "poses are timed by their arrival")]
+    {
         if let Err(error) = capture.require(channel) {
             tell!("{error}: {means}, and flagged");
             absent = true;

@@ -40,13 +40,21 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         tell!("... and {untold} more");
     }
     let (all, same) = (report.profiles, report.profiles_reproduced);
-    let verdict = if all == same { format!("all {all} profiles reproduced") } else { format!("{same} of {all} profiles reproduced") };
+    let verdict = if all == same {
+        format!("all {all} profiles reproduced")
+    } else {
+        format!("{same} of {all} profiles reproduced")
+    };
     say(&format!(
         "{} frames, {} bad, {} missing; {verdict}{}",
         report.frames,
         report.bad_frames,
         report.missing_frames,
-        if report.profiles_unverifiable > 0 { format!(", {} cannot be", report.profiles_unverifiable) } else { String::new() }
+        if report.profiles_unverifiable > 0 {
+            format!(", {} cannot be", report.profiles_unverifiable)
+        } else {
+            String::new()
+        }
     ))?;
     Ok(Outcome::lost_if(!report.ok))
 }
