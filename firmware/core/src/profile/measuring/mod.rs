@@ -154,6 +154,8 @@ impl Section {
         let edge = hinge::edge(&self.road.fit, self.departure, &self.adjacent);
         self.road.settle(samples, edge.u);
         self.settle::<2>(samples);
+        let edge = hinge::edge(&self.road.fit, self.departure, &self.adjacent);
+        self.road.settle(samples, edge.u);
         let Hinges { edge, foot, facing } = self.hinges(samples);
         side.edge = Some(edge.message(self.outward));
         if self.adjacent.within(&edge, &foot, falling) {

@@ -17,8 +17,8 @@ const LEAST_SCORE: i32 = 1_100;
 const LEAST_SAMPLES: u32 = 5;
 
 /// Pseudo-observations of the assumed noise against the slope's own residuals: in the roughness, and in the interval.
-const ROUGHNESS_PRIOR: u32 = 8;
-const INTERVAL_PRIOR: u32 = 12;
+const ROUGHNESS_PRIOR: u32 = 4;
+const INTERVAL_PRIOR: u32 = 8;
 
 /// A slope with what its neighbours need to know.
 #[derive(Clone, Copy, Debug)]
@@ -37,17 +37,20 @@ pub fn measure(
     noise: &mut Noise,
 ) -> Option<Found> {
     let beyond = samples.get_mut(from..)?;
-    let (mut line, mut run) = search::find(beyond, start, wanted, noise)?;
+    let (line, mut run) = search::find(beyond, start, wanted, noise)?;
     if run.score < LEAST_SCORE {
         return None;
     }
     let part = beyond.get_mut(run.first..=run.last)?;
-    let first_pass = refit::<2>(part, &line, noise)?;
-    *noise = roughened(noise, &first_pass, part);
-    line = first_pass.line;
-    run = search::run(beyond, &line, wanted, noise);
+    let mut found = refit::<1>(part, &line, noise)?;
+    // What the residuals say of the roughness decides which of them count: once more, and again on the run that results.
+    *noise = roughened(noise, &found, part);
+    found = refit::<1>(part, &found.line, noise)?;
+    *noise = roughened(noise, &found, part);
+    run = search::run(beyond, &found.line, wanted, noise);
     let part = beyond.get_mut(run.first..=run.last)?;
-    let fit = refit::<1>(part, &line, noise)?;
+    let fit = refit::<1>(part, &found.line, noise)?;
+    *noise = roughened(noise, &fit, part);
     let run = Run { first: run.first + from, last: run.last + from, score: run.score };
     Some(Found { fit, run })
 }
