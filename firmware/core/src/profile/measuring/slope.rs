@@ -17,8 +17,8 @@ const LEAST_SCORE: i32 = 1_100;
 const LEAST_SAMPLES: u32 = 5;
 
 /// Pseudo-observations of the assumed noise against the slope's own residuals: in the roughness, and in the interval.
-const ROUGHNESS_PRIOR: u32 = 4;
-const INTERVAL_PRIOR: u32 = 8;
+const ROUGHNESS_PRIOR: u32 = 3;
+const INTERVAL_PRIOR: u32 = 6;
 
 /// A slope with what its neighbours need to know.
 #[derive(Clone, Copy, Debug)]
@@ -31,7 +31,7 @@ pub struct Found {
 /// Finds and measures the slope that is `wanted`, from sample `from` on, which is `start` outward; keeps what its residuals say about the noise.
 pub fn measure(
     samples: &mut [Sample],
-   
+
     (from, start): (usize, i32),
     wanted: &Wanted,
     noise: &mut Noise,
