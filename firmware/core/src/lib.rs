@@ -2,8 +2,12 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod attitude;
+pub mod clock;
+pub mod instrument;
 pub mod profile;
 pub mod scan;
+pub mod sensors;
 pub mod trig;
 
 pub use crossfall_protocol as protocol;

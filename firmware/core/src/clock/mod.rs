@@ -1,0 +1,14 @@
+//! Time: a free-running 32-bit counter made endless, and its mapping to GPS time.
+//!
+//! The core has no clock of its own: every instant is passed in as [`DeviceTime`].
+
+mod counter;
+mod gps;
+mod pulses;
+
+pub use counter::Counter;
+pub use gps::{GpsClock, GpsTime};
+pub use pulses::{MAX_DRIFT, PulseTrain, WINDOW};
+
+/// One second, in the unit of [`DeviceTime`](crate::protocol::DeviceTime).
+pub const SECOND_US: i64 = 1_000_000;
