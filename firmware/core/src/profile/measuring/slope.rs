@@ -122,7 +122,7 @@ fn marks(part: &[Sample], found: &Found, noise: &Noise, obstruction: i32) -> u16
         } else if e > 0 {
             above += 1;
         }
-        dark |= previous.is_some_and(|p| sample.beam - p.beam > SHADOW_BEAMS);
+        dark |= previous.is_some_and(|p| sample.beam.abs_diff(p.beam) > SHADOW_BEAMS);
         previous = Some(sample);
     }
     let count = part.len() as u32;
@@ -141,7 +141,7 @@ fn marks(part: &[Sample], found: &Found, noise: &Noise, obstruction: i32) -> u16
 }
 
 /// This many beams in a row without a return on a slope are a shadow rather than chance.
-const SHADOW_BEAMS: i16 = 6;
+const SHADOW_BEAMS: u16 = 6;
 
 /// An interval wider than +/-0.5 degrees.
 const DOUBTFUL_HALF_Q30: u32 = 9_370_000;
