@@ -147,12 +147,11 @@ impl Section {
 
     /// Settles road and slopes between their hinges and fills in what was found.
     fn report(mut self, side: &mut Side, samples: &mut [Sample], falling: &Wanted, rising: &Wanted) {
-        self.settle::<1>(samples);
-        let edge = hinge::edge(&self.road.fit, self.departure, &self.adjacent);
-        self.road.settle(samples, edge.u);
         self.settle::<2>(samples);
-        let edge = hinge::edge(&self.road.fit, self.departure, &self.adjacent);
-        self.road.settle(samples, edge.u);
+        for _ in 0..2 {
+            let edge = hinge::edge(&self.road.fit, self.departure, &self.adjacent);
+            self.road.settle(samples, edge.u);
+        }
         let Hinges { edge, foot, facing } = self.hinges(samples);
         side.edge = Some(edge.message(self.outward));
         if self.adjacent.within(&edge, &foot, falling) {
