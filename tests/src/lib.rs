@@ -1,2 +1,5 @@
 //! What the end-to-end tests share.
 #![forbid(unsafe_code)]
+
+pub mod emulator;
+pub mod lms_emulator;
