@@ -5,5 +5,7 @@
 pub mod attitude;
 pub mod clock;
 pub mod scan;
+pub mod sensors;
+pub mod trig;
 
 pub use crossfall_protocol as protocol;

@@ -1,7 +1,11 @@
 //! Scans: when each beam was measured, at which roll, and where its point lies.
 
+mod level;
 mod raw;
+pub mod resample;
 mod roll_track;
 
+pub use level::{Echo, Point, Points, level};
 pub use raw::{MAX_BEAMS, RawScan, TURN_US};
+pub use resample::resample;
 pub use roll_track::{KNOTS, MAX_TURNS, RollTrack};

@@ -1,0 +1,461 @@
+//! MCAP files as a sequence of records, read linearly and with the place of everything.
+//!
+//! Captures and logs are MCAP files that must be readable however they ended: cut at any byte, with a flipped bit, without
+//! the summary that a writer appends at the end. So the top level is walked here, record by record (an opcode of one byte and a
+//! length of eight, MCAP specification, "Records"), with every step checked against the file's size; what the records hold
+//! is left to the `mcap` crate. A chunk that is damaged or cut yields the messages before the damage, then says where it is.
+//!
+//! Bounds: one chunk is in memory at a time, and no chunk larger than [`MAX_CHUNK`] is accepted, whatever its header says.
+
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek};
+use std::path::{Path, PathBuf};
+
+use mcap::records::{Record, op};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+
+/// The largest chunk, packed or unpacked, in bytes. Writers make them of about one megabyte.
+pub const MAX_CHUNK: u64 = 256 << 20;
+
+/// The largest record read as a whole that is not a chunk: metadata, a channel.
+const MAX_RECORD: u64 = 16 << 20;
+
+/// Length of a footer's body.
+const FOOTER: u64 = 20;
+
+/// Opcode and length in front of every record.
+const HEAD: u64 = 9;
+
+/// What can be wrong with an MCAP file.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The operating system refused.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// Another kind of file.
+    #[error("{}: not an MCAP file: it begins with {found}, expected 89 4D 43 41 50 30 0D 0A", path.display())]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+        /// Its first bytes.
+        found: String,
+    },
+    /// The file ends too early.
+    #[error("{}: cut short: the file ends at byte {end}, {expected}", path.display())]
+    Cut {
+        /// The file.
+        path: PathBuf,
+        /// Its size.
+        end: u64,
+        /// What should have come.
+        expected: String,
+    },
+    /// Some bytes are not what they should be.
+    #[error("{}: damaged at byte {offset}: {what}", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// Where.
+        offset: u64,
+        /// What was found and what was expected.
+        what: String,
+    },
+    /// The file is whole but holds something else.
+    #[error("{}: {what}", path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// What is missing.
+        what: String,
+    },
+    /// The user asked to stop.
+    #[error("interrupted")]
+    Interrupted,
+}
+
+impl Error {
+    /// Where in the file, as far as the error has a place.
+    #[must_use]
+    pub fn offset(&self) -> Option<u64> {
+        match self {
+            Self::Cut { end, .. } => Some(*end),
+            Self::Damaged { offset, .. } => Some(*offset),
+            _ => None,
+        }
+    }
+
+    /// What is wrong, without the name of the file.
+    #[must_use]
+    pub fn what(&self) -> String {
+        match self {
+            Self::Cut { expected, .. } => format!("cut short: {expected}"),
+            Self::Damaged { what, .. } | Self::Content { what, .. } => what.clone(),
+            other => other.to_string(),
+        }
+    }
+}
+
+/// One record of the top level.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Entry {
+    /// Where its opcode is.
+    pub offset: u64,
+    /// Its opcode, see [`mcap::records::op`].
+    pub opcode: u8,
+    /// Length of its body. The file may end before that; see [`Container::next_entry`].
+    pub length: u64,
+}
+
+/// A channel: its number in this file and its name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct ChannelName {
+    pub id: u16,
+    pub topic: String,
+}
+
+/// A message.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Message {
+    /// Where the message's record is; in a compressed chunk, where the chunk is.
+    pub offset: u64,
+    pub channel: u16,
+    /// Nanoseconds.
+    pub log_time: u64,
+    pub data: Vec<u8>,
+}
+
+/// What a chunk, or a message outside of any, holds.
+#[derive(Debug, Default)]
+pub(crate) struct Contents {
+    pub channels: Vec<ChannelName>,
+    pub messages: Vec<Message>,
+    /// What kept the rest from being read.
+    pub error: Option<Error>,
+}
+
+/// An open MCAP file.
+#[derive(Debug)]
+pub(crate) struct Container {
+    path: PathBuf,
+    file: BufReader<File>,
+    size: u64,
+    /// The record before `position`.
+    last: u64,
+    position: u64,
+    closed: bool,
+}
+
+impl Container {
+    /// Opens a file and checks that it is one of MCAP.
+    pub fn open(path: &Path) -> Result<Self, Error> {
+        let wrap = |source| Error::Io { path: path.to_path_buf(), source };
+        let file = File::open(path).map_err(wrap)?;
+        let metadata = file.metadata().map_err(wrap)?;
+        if metadata.is_dir() {
+            return Err(wrap(io::Error::from(io::ErrorKind::IsADirectory)));
+        }
+        let mut file = BufReader::with_capacity(1 << 16, file);
+        let mut start = Vec::with_capacity(mcap::MAGIC.len());
+        file.by_ref().take(mcap::MAGIC.len() as u64).read_to_end(&mut start).map_err(wrap)?;
+        if start != mcap::MAGIC {
+            let found = if start.is_empty() { "nothing (it is empty)".to_owned() } else { hex(&start) };
+            return Err(Error::Foreign { path: path.to_path_buf(), found });
+        }
+        let position = start.len() as u64;
+        Ok(Self { path: path.to_path_buf(), file, size: metadata.len(), last: 0, position, closed: false })
+    }
+
+    /// The file's name.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The next record of the top level.
+    ///
+    /// A chunk that the file cuts short is returned all the same, since its beginning is worth reading; its contents tell the error. After an error the walk ends, unless [`Container::resume`] finds a chunk further on.
+    pub fn next_entry(&mut self) -> Option<Result<Entry, Error>> {
+        if self.closed {
+            return None;
+        }
+        let offset = self.position;
+        if offset > self.size {
+            // Inside of a chunk, as its contents have told.
+            self.closed = true;
+            return None;
+        }
+        if offset == self.size {
+            self.closed = true;
+            return Some(Err(self.cut("before the closing records that end a recording".to_owned())));
+        }
+        let mut head = [0; HEAD as usize];
+        if self.size - offset < HEAD {
+            self.closed = true;
+            return Some(Err(self.cut(format!("inside of the record that began at byte {offset}"))));
+        }
+        if let Err(error) = self.read_at(offset, &mut head) {
+            self.closed = true;
+            return Some(Err(error));
+        }
+        let [opcode, length @ ..] = head;
+        let length = u64::from_le_bytes(length);
+        if opcode == 0 || (opcode > op::DATA_END && opcode < 0x80) {
+            self.closed = true;
+            return Some(Err(self.damaged(offset, format!("{opcode:02X} is no opcode of an MCAP record"))));
+        }
+        let room = self.size - offset - HEAD;
+        if opcode == op::FOOTER && length == FOOTER && room >= FOOTER {
+            self.closed = true;
+            return None;
+        }
+        if opcode == op::FOOTER || (length > room && opcode != op::CHUNK) {
+            self.closed = true;
+            let what = format!("a record of {length} bytes, of which the file holds {room}");
+            return Some(Err(self.damaged(offset, what)));
+        }
+        self.last = offset;
+        self.position = offset.saturating_add(HEAD).saturating_add(length);
+        Some(Ok(Entry { offset, opcode, length }))
+    }
+
+    /// After damage: goes on at the next place at which a chunk begins. Returns where, or nothing if there is none.
+    ///
+    /// The search begins inside of the record before the damage, since it may be its length that is wrong.
+    /// A chunk is known by its header: plausible lengths that agree with each other, times in order, a known compression.
+    pub fn resume(&mut self) -> Result<Option<u64>, Error> {
+        const WINDOW: usize = 1 << 16;
+        let mut base = self.last + 1;
+        let mut window = vec![0; WINDOW + CHUNK_HEAD_MAX];
+        while base < self.size {
+            let length = window.len().min(usize::try_from(self.size - base).unwrap_or(usize::MAX));
+            let bytes = &mut window[..length];
+            self.read_at(base, bytes)?;
+            let found = (0..length.min(WINDOW)).find(|&i| begins_chunk(&bytes[i..], self.size - base - i as u64));
+            if let Some(i) = found {
+                self.position = base + i as u64;
+                self.last = self.position;
+                self.closed = false;
+                return Ok(Some(self.position));
+            }
+            base += WINDOW as u64;
+        }
+        Ok(None)
+    }
+
+    /// The body of a record that is not a chunk.
+    pub fn body(&mut self, entry: Entry) -> Result<Vec<u8>, Error> {
+        if entry.length > MAX_RECORD {
+            return Err(self
+                .damaged(entry.offset, format!("a record of {} bytes, expected at most {MAX_RECORD}", entry.length)));
+        }
+        let mut body = vec![0; entry.length as usize];
+        self.read_at(entry.offset + HEAD, &mut body)?;
+        Ok(body)
+    }
+
+    /// The times of the first and last message of a chunk, by its header, or of a message outside of any.
+    pub fn times(&mut self, entry: Entry) -> Result<(u64, u64), Error> {
+        let mut head = [0; 16];
+        let (at, needed) = if entry.opcode == op::CHUNK { (0, 16) } else { (6, 8) };
+        let room = self.size.saturating_sub(entry.offset + HEAD).min(entry.length);
+        if room < at + needed {
+            return Err(self.cut(format!("inside of the record that began at byte {}", entry.offset)));
+        }
+        self.read_at(entry.offset + HEAD + at, &mut head[..needed as usize])?;
+        let [a, b, c, d, e, f, g, h, rest @ ..] = head;
+        let first = u64::from_le_bytes([a, b, c, d, e, f, g, h]);
+        Ok((first, if entry.opcode == op::CHUNK { u64::from_le_bytes(rest) } else { first }))
+    }
+
+    /// Everything in a chunk, a channel record or a message record of the top level.
+    pub fn contents(&mut self, entry: Entry) -> Contents {
+        let mut contents = Contents::default();
+        let result = match entry.opcode {
+            op::CHUNK => self.chunk(entry, &mut contents),
+            op::CHANNEL | op::MESSAGE => {
+                self.body(entry).and_then(|body| self.keep(entry.offset, entry.opcode, &body, &mut contents))
+            }
+            _ => Ok(()),
+        };
+        contents.error = result.err();
+        contents
+    }
+
+    fn chunk(&mut self, entry: Entry, contents: &mut Contents) -> Result<(), Error> {
+        let room = self.size.saturating_sub(entry.offset + HEAD);
+        let here = entry.length.min(room);
+        if here > MAX_CHUNK {
+            return Err(self.damaged(entry.offset, format!("a chunk of {here} bytes, expected at most {MAX_CHUNK}")));
+        }
+        let mut body = vec![0; here as usize];
+        self.read_at(entry.offset + HEAD, &mut body)?;
+        let Some(head) = ChunkHead::parse(&body) else {
+            return Err(if entry.length > room {
+                self.cut(format!("inside of the chunk that began at byte {}", entry.offset))
+            } else {
+                self.damaged(entry.offset, "the chunk's header is not readable".to_owned())
+            });
+        };
+        if head.unpacked > MAX_CHUNK {
+            let what = format!("a chunk of {} bytes, expected at most {MAX_CHUNK}", head.unpacked);
+            return Err(self.damaged(entry.offset, what));
+        }
+        let result = if head.compression.is_empty() {
+            self.plain_records(entry, &body, &head, contents)
+        } else {
+            self.packed_records(entry, &body, contents)
+        };
+        // A cut chunk fails somehow; that it is cut is what the user needs to know.
+        if entry.length > room {
+            return Err(self.cut(format!("inside of the chunk that began at byte {}", entry.offset)));
+        }
+        result
+    }
+
+    /// Records of an uncompressed chunk: they lie in the file as they are, so each has its place.
+    fn plain_records(&self, entry: Entry, body: &[u8], head: &ChunkHead, contents: &mut Contents) -> Result<(), Error> {
+        let mut rest = body.get(head.records_at..).unwrap_or_default();
+        rest = rest.get(..usize::try_from(head.packed).unwrap_or(usize::MAX)).unwrap_or(rest);
+        let (actual, crc) = (crc32fast::hash(rest), head.crc);
+        let end = entry.offset + HEAD + (head.records_at + rest.len()) as u64;
+        while let Some((&[opcode, ref length @ ..], after)) = rest.split_first_chunk::<{ HEAD as usize }>() {
+            let offset = end - rest.len() as u64;
+            let length = usize::try_from(u64::from_le_bytes(*length)).unwrap_or(usize::MAX);
+            let Some((record, next)) = after.split_at_checked(length) else {
+                return Err(self
+                    .damaged(offset, format!("a record of {length} bytes, of which its chunk holds {}", after.len())));
+            };
+            self.keep(offset, opcode, record, contents)?;
+            rest = next;
+        }
+        // The messages are kept even so: what is in them has checks of its own.
+        if crc != 0 && actual != crc {
+            return Err(self.damaged(entry.offset, format!("the chunk's CRC is {actual:08X}, expected {crc:08X}")));
+        }
+        if !rest.is_empty() {
+            return Err(self.damaged(entry.offset, format!("the chunk ends with {} stray bytes", rest.len())));
+        }
+        Ok(())
+    }
+
+    /// Records of a compressed chunk, through the crate's reader.
+    fn packed_records(&self, entry: Entry, body: &[u8], contents: &mut Contents) -> Result<(), Error> {
+        let options = LinearReaderOptions::default()
+            .with_skip_start_magic(true)
+            .with_skip_end_magic(true)
+            .with_validate_chunk_crcs(true)
+            .with_record_length_limit(MAX_CHUNK as usize);
+        let mut reader = LinearReader::new_with_options(options);
+        let mut input = io::Cursor::new([[op::CHUNK].as_slice(), &entry.length.to_le_bytes()].concat()).chain(body);
+        while let Some(event) = reader.next_event() {
+            match event {
+                Ok(LinearReadEvent::ReadRequest(wanted)) => {
+                    // In-memory reading does not fail; less than wanted means the end.
+                    let got = input.read(reader.insert(wanted.min(1 << 20))).unwrap_or(0);
+                    reader.notify_read(got);
+                }
+                Ok(LinearReadEvent::Record { opcode, data }) => self.keep(entry.offset, opcode, data, contents)?,
+                Err(error) => return Err(self.damaged(entry.offset, error.to_string())),
+            }
+        }
+        Ok(())
+    }
+
+    fn keep(&self, offset: u64, opcode: u8, body: &[u8], contents: &mut Contents) -> Result<(), Error> {
+        match opcode {
+            op::CHANNEL | op::MESSAGE => {}
+            op::SCHEMA => return Ok(()),
+            _ => return Err(self.damaged(offset, format!("a record {opcode:02X}, expected a channel or a message"))),
+        }
+        match mcap::parse_record(opcode, body) {
+            Ok(Record::Channel(channel)) => {
+                contents.channels.push(ChannelName { id: channel.id, topic: channel.topic })
+            }
+            Ok(Record::Message { header, data }) => contents.messages.push(Message {
+                offset,
+                channel: header.channel_id,
+                log_time: header.log_time,
+                data: data.into_owned(),
+            }),
+            Ok(_) => {}
+            Err(_) => return Err(self.damaged(offset, "a channel or message record that is not readable".to_owned())),
+        }
+        Ok(())
+    }
+
+    fn read_at(&mut self, offset: u64, into: &mut [u8]) -> Result<(), Error> {
+        let mut read = || -> io::Result<()> {
+            let here = self.file.stream_position()?;
+            // A relative seek keeps what is buffered.
+            let distance = i64::try_from(i128::from(offset) - i128::from(here)).map_err(io::Error::other)?;
+            self.file.seek_relative(distance)?;
+            self.file.read_exact(into)
+        };
+        read().map_err(|source| Error::Io { path: self.path.clone(), source })
+    }
+
+    fn cut(&self, expected: String) -> Error {
+        Error::Cut { path: self.path.clone(), end: self.size, expected }
+    }
+
+    /// An error at a place of this file.
+    pub fn damaged(&self, offset: u64, what: String) -> Error {
+        Error::Damaged { path: self.path.clone(), offset, what }
+    }
+}
+
+/// Longest chunk record up to its records: opcode and length, fixed fields, the name of a compression.
+const CHUNK_HEAD_MAX: usize = HEAD as usize + 40 + 4;
+
+/// The fields in front of a chunk's records (MCAP specification, "Chunk").
+struct ChunkHead {
+    start: u64,
+    end: u64,
+    unpacked: u64,
+    crc: u32,
+    compression: String,
+    packed: u64,
+    /// Where the records begin in the body.
+    records_at: usize,
+}
+
+impl ChunkHead {
+    fn parse(body: &[u8]) -> Option<Self> {
+        let long = |at: usize| Some(u64::from_le_bytes(*body.get(at..)?.first_chunk()?));
+        let short = |at: usize| Some(u32::from_le_bytes(*body.get(at..)?.first_chunk()?));
+        // An unknown compression is refused by the crate's reader; an absurd length is no header.
+        let name = short(28).filter(|&length| length <= 64)? as usize;
+        Some(Self {
+            start: long(0)?,
+            end: long(8)?,
+            unpacked: long(16)?,
+            crc: short(24)?,
+            compression: str::from_utf8(body.get(32..32 + name)?).ok()?.to_owned(),
+            packed: long(32 + name)?,
+            records_at: 40 + name,
+        })
+    }
+}
+
+/// Whether a chunk record begins here, by every relation that its header must fulfil.
+fn begins_chunk(bytes: &[u8], room: u64) -> bool {
+    let Some((&[opcode, ref length @ ..], body)) = bytes.split_first_chunk::<{ HEAD as usize }>() else { return false };
+    let length = u64::from_le_bytes(*length);
+    if opcode != op::CHUNK || length > MAX_CHUNK || length < 40 || room < HEAD {
+        return false;
+    }
+    ChunkHead::parse(body).is_some_and(|head| {
+        head.start <= head.end
+            && head.unpacked <= MAX_CHUNK
+            && matches!(head.compression.as_str(), "" | "lz4" | "zstd")
+            && head.packed.checked_add(head.records_at as u64) == Some(length)
+    })
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(" ")
+}

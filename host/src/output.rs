@@ -1,0 +1,184 @@
+//! Output files that appear whole or not at all.
+//!
+//! A file is written under a temporary name in its own folder and renamed by [`Output::commit`]. Dropped before that
+//! (an error, Ctrl-C) it is removed. What is not a regular file (`/dev/null`, a pipe) is written in place, since
+//! renaming would replace it.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use tempfile::NamedTempFile;
+
+/// A file that could not be written.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: cannot write: {source}", path.display())]
+pub struct Error {
+    /// The file as the user named it.
+    pub path: PathBuf,
+    /// Why.
+    pub source: io::Error,
+}
+
+/// A file under way.
+#[derive(Debug)]
+pub struct Output {
+    path: PathBuf,
+    target: Target,
+}
+
+#[derive(Debug)]
+enum Target {
+    Renamed { file: BufWriter<NamedTempFile>, to: PathBuf },
+    InPlace(BufWriter<File>),
+}
+
+impl Output {
+    /// Starts a file that will stand at `path`, replacing a regular file that is there.
+    ///
+    /// # Errors
+    /// When the folder does not exist or cannot be written.
+    pub fn create(path: &Path) -> Result<Self, Error> {
+        let wrap = |source| Error { path: path.to_path_buf(), source };
+        let special = fs::metadata(path).is_ok_and(|found| !found.is_file());
+        let target = if special {
+            Target::InPlace(BufWriter::new(OpenOptions::new().write(true).open(path).map_err(wrap)?))
+        } else {
+            // A link is followed, so that the file it names is replaced and not the link.
+            let to = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+            let name = to.file_name().ok_or_else(|| wrap(io::Error::other("the path names no file")))?;
+            let folder = match to.parent() {
+                Some(folder) if !folder.as_os_str().is_empty() => folder,
+                _ => Path::new("."),
+            };
+            let mut prefix = std::ffi::OsString::from(".");
+            prefix.push(name);
+            let mut builder = tempfile::Builder::new();
+            builder.prefix(&prefix).suffix(".part");
+            #[cfg(unix)]
+            {
+                use std::os::unix::fs::PermissionsExt;
+                // As for any new file: the umask takes its bits away. A temporary file alone would be private.
+                builder.permissions(fs::Permissions::from_mode(0o666));
+            }
+            Target::Renamed { file: BufWriter::new(builder.tempfile_in(folder).map_err(|e| wrap(bare(&e)))?), to }
+        };
+        Ok(Self { path: path.to_path_buf(), target })
+    }
+
+    /// The file as the user named it.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Brings the bytes to the disk and gives the file its name.
+    ///
+    /// # Errors
+    /// When the last bytes cannot be written, or the file not be renamed; it is removed then.
+    pub fn commit(self) -> Result<(), Error> {
+        let Self { path, target } = self;
+        let finish = || -> io::Result<()> {
+            match target {
+                Target::Renamed { file, to } => {
+                    let file = file.into_inner().map_err(|e| e.into_error())?;
+                    file.as_file().sync_data()?;
+                    file.persist(to).map_err(|e| e.error)?;
+                }
+                Target::InPlace(mut file) => file.flush()?,
+            }
+            Ok(())
+        };
+        finish().map_err(|source| Error { path, source })
+    }
+}
+
+/// The error without the temporary name that `tempfile` adds: the user knows the file by its own.
+fn bare(error: &io::Error) -> io::Error {
+    let inner = error.get_ref().and_then(|e| e.source()).and_then(|e| e.downcast_ref::<io::Error>());
+    match inner.unwrap_or(error).raw_os_error() {
+        Some(code) => io::Error::from_raw_os_error(code),
+        None => io::Error::from(error.kind()),
+    }
+}
+
+/// Writes a whole file at once, with [`Output`]'s promise.
+///
+/// # Errors
+/// When any step of it fails.
+pub fn write(path: &Path, contents: &[u8]) -> Result<(), Error> {
+    let mut output = Output::create(path)?;
+    output.write_all(contents).map_err(|source| Error { path: path.to_path_buf(), source })?;
+    output.commit()
+}
+
+impl Write for Output {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match &mut self.target {
+            Target::Renamed { file, .. } => file.write(bytes),
+            Target::InPlace(file) => file.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match &mut self.target {
+            Target::Renamed { file, .. } => file.flush(),
+            Target::InPlace(file) => file.flush(),
+        }
+    }
+}
+
+impl Seek for Output {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        match &mut self.target {
+            Target::Renamed { file, .. } => file.seek(to),
+            Target::InPlace(file) => file.seek(to),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_appears_only_when_committed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv");
+        let mut output = Output::create(&path).unwrap();
+        output.write_all(b"half").unwrap();
+        assert!(!path.exists());
+        drop(output);
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "nothing is left behind");
+
+        write(&path, b"whole").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"whole");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn an_abandoned_replacement_leaves_the_old_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv");
+        fs::write(&path, b"old").unwrap();
+        let mut output = Output::create(&path).unwrap();
+        output.write_all(b"new").unwrap();
+        drop(output);
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+    }
+
+    #[test]
+    fn a_missing_folder_is_named() {
+        let error = Output::create(Path::new("/no/such/folder/a.mcap")).unwrap_err();
+        assert!(error.to_string().starts_with("/no/such/folder/a.mcap: cannot write: "), "{error}");
+        assert!(!error.to_string().contains(".part"), "{error}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_device_is_written_and_not_replaced() {
+        let null = Path::new("/dev/null");
+        write(null, b"gone").unwrap();
+        assert!(!fs::metadata(null).unwrap().is_file());
+    }
+}

@@ -1,0 +1,72 @@
+//! The named steps of `cargo xtask test`, in the order in which they run.
+
+use std::process::ExitCode;
+use std::time::Instant;
+
+use crate::setup;
+use crate::shell::{self, Tally};
+
+type Step = (&'static str, &'static str, fn(&mut Tally) -> Result<(), String>);
+
+const STEPS: &[Step] = &[
+    ("setup", "install what is missing", setup::install),
+    ("format", "every file as rustfmt leaves it", |tally| shell::run("cargo fmt --all --check", "", tally)),
+    ("lint", "clippy without a warning", lint),
+    ("licences", "licences, bans and sources of every dependency", licences),
+    ("unit", "every test of the workspace, recordings and emulated board included", unit),
+];
+
+fn lint(tally: &mut Tally) -> Result<(), String> {
+    shell::run("cargo clippy --workspace --all-targets --quiet -- -D warnings", "", tally)
+}
+
+/// The advisory list needs a network beyond the package registry, so it has a command of its own: `cargo deny check advisories`.
+fn licences(tally: &mut Tally) -> Result<(), String> {
+    shell::run("cargo deny --log-level error check licenses bans sources", "", tally)
+}
+
+fn unit(tally: &mut Tally) -> Result<(), String> {
+    if std::env::var_os("CROSSFALL_RECORDINGS").is_none() {
+        eprintln!("  CROSSFALL_RECORDINGS is not set: the tests over real recordings will say that they skip");
+    }
+    shell::run("cargo test --workspace --no-fail-fast", "", tally)
+}
+
+/// Names the steps.
+pub fn list() -> ExitCode {
+    for (name, what, _) in STEPS {
+        println!("{name:10} {what}");
+    }
+    ExitCode::SUCCESS
+}
+
+/// Runs the steps named, or all. Every step runs even after one has failed, so that one run tells everything.
+pub fn run(wanted: &[&str]) -> ExitCode {
+    if let Some(unknown) = wanted.iter().find(|word| STEPS.iter().all(|(name, ..)| name != *word)) {
+        eprintln!("xtask: no step named {unknown}; `cargo xtask list` names them");
+        return ExitCode::from(2);
+    }
+    let mut tally = Tally::default();
+    let mut problems = Vec::new();
+    for (name, what, step) in STEPS.iter().filter(|(name, ..)| wanted.is_empty() || wanted.contains(name)) {
+        eprintln!("\n== {name}: {what}");
+        let start = Instant::now();
+        let outcome = step(&mut tally);
+        let seconds = start.elapsed().as_secs_f32();
+        match outcome {
+            Ok(()) => eprintln!("== {name}: good, {seconds:.0} s"),
+            Err(problem) => {
+                eprintln!("== {name}: FAILED, {seconds:.0} s: {problem}");
+                problems.push(format!("{name}: {problem}"));
+            }
+        }
+    }
+    eprintln!();
+    for problem in &problems {
+        eprintln!("xtask: {problem}");
+    }
+    // A step that fails without a failing test (a lint, a licence) counts as one failure.
+    let failed = tally.failed.max(problems.len() as u64);
+    println!("{} passed, {failed} failed", tally.passed);
+    if failed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
