@@ -10,7 +10,7 @@ use embassy_stm32::pac::rcc::vals::{Hpre, Pllm, Plln, Pllp, Pllsrc, Ppre, Sw};
 use crate::emulation::Platform;
 
 /// Where the clocks come from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
 pub enum Source {
     /// 168 MHz from the crystal.
     Crystal,

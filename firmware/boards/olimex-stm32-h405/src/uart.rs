@@ -66,7 +66,8 @@ impl<const RX: usize, const TX: usize> Port<RX, TX> {
             w.set_te(true);
             w.set_rxneie(true);
         });
-        Line { port: self, bus_hz, stamps: [0; CHUNK], read_at: (0, DeviceTime(0)) }
+        let receiver = Receiver { port: self, stamps: [0; CHUNK], read_at: (0, DeviceTime(0)) };
+        Line { receiver, sender: Sender { port: self }, bus_hz }
     }
 
     /// Oversampling by 16: the divider is the bus clock over the rate, in sixteenths already (RM0090, 30.3.4).
@@ -122,21 +123,47 @@ impl<const RX: usize, const TX: usize> Port<RX, TX> {
     }
 }
 
-/// The reader and writer of an open [`Port`].
+/// Both ends of an open [`Port`].
 pub struct Line<const RX: usize, const TX: usize> {
-    port: &'static Port<RX, TX>,
+    receiver: Receiver<RX, TX>,
+    sender: Sender<RX, TX>,
     bus_hz: u32,
+}
+
+/// The reader of an open [`Port`].
+pub struct Receiver<const RX: usize, const TX: usize> {
+    port: &'static Port<RX, TX>,
     /// Stamps of the bytes of the latest read, 24 bits each.
     stamps: [u32; CHUNK],
     /// The counter after that read, and its device time.
     read_at: (u32, DeviceTime),
 }
 
+/// The writer of an open [`Port`].
+pub struct Sender<const RX: usize, const TX: usize> {
+    port: &'static Port<RX, TX>,
+}
+
+impl<const RX: usize, const TX: usize> Line<RX, TX> {
+    /// Reader and writer for tasks of their own; the rate then stays as it is.
+    pub fn split(self) -> (Receiver<RX, TX>, Sender<RX, TX>) {
+        (self.receiver, self.sender)
+    }
+}
+
+impl<const RX: usize, const TX: usize> ErrorType for Receiver<RX, TX> {
+    type Error = Infallible;
+}
+
+impl<const RX: usize, const TX: usize> ErrorType for Sender<RX, TX> {
+    type Error = Infallible;
+}
+
 impl<const RX: usize, const TX: usize> ErrorType for Line<RX, TX> {
     type Error = Infallible;
 }
 
-impl<const RX: usize, const TX: usize> Read for Line<RX, TX> {
+impl<const RX: usize, const TX: usize> Read for Receiver<RX, TX> {
     /// Waits for a byte and returns it with all that follow it in the ring, [`CHUNK`] at most.
     async fn read(&mut self, into: &mut [u8]) -> Result<usize, Infallible> {
         if into.is_empty() {
@@ -159,7 +186,7 @@ impl<const RX: usize, const TX: usize> Read for Line<RX, TX> {
     }
 }
 
-impl<const RX: usize, const TX: usize> StampedRead for Line<RX, TX> {
+impl<const RX: usize, const TX: usize> StampedRead for Receiver<RX, TX> {
     fn arrival(&self, k: usize) -> DeviceTime {
         let stamp = self.stamps.get(k).copied().unwrap_or_default();
         let (counter, time) = self.read_at;
@@ -172,7 +199,7 @@ impl<const RX: usize, const TX: usize> StampedRead for Line<RX, TX> {
     }
 }
 
-impl<const RX: usize, const TX: usize> Write for Line<RX, TX> {
+impl<const RX: usize, const TX: usize> Write for Sender<RX, TX> {
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
         let count = self.port.outgoing.write(bytes).await;
         critical_section::with(|_| self.port.usart.cr1().modify(|w| w.set_txeie(true)));
@@ -188,9 +215,35 @@ impl<const RX: usize, const TX: usize> Write for Line<RX, TX> {
     }
 }
 
+impl<const RX: usize, const TX: usize> Read for Line<RX, TX> {
+    async fn read(&mut self, into: &mut [u8]) -> Result<usize, Infallible> {
+        self.receiver.read(into).await
+    }
+}
+
+impl<const RX: usize, const TX: usize> StampedRead for Line<RX, TX> {
+    fn arrival(&self, k: usize) -> DeviceTime {
+        self.receiver.arrival(k)
+    }
+
+    fn lost(&self) -> u32 {
+        self.receiver.lost()
+    }
+}
+
+impl<const RX: usize, const TX: usize> Write for Line<RX, TX> {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        self.sender.write(bytes).await
+    }
+
+    async fn flush(&mut self) -> Result<(), Infallible> {
+        self.sender.flush().await
+    }
+}
+
 impl<const RX: usize, const TX: usize> SensorLine for Line<RX, TX> {
     async fn set_baud(&mut self, baud: u32) {
         let Ok(()) = self.flush().await;
-        self.port.set_divider(self.bus_hz, baud);
+        self.receiver.port.set_divider(self.bus_hz, baud);
     }
 }
