@@ -3,12 +3,13 @@
 //! The board echoes its configuration into the stream, so that a log always holds the one that its profiles were
 //! made with. On the host the same numbers are written in degrees, millimetres and milliseconds (TOML).
 
+use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use crate::units::Angle;
 
 /// The whole configuration of an instrument.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Config {
     /// How the scanner is mounted, timed and read.
     pub scanner: Scanner,
@@ -21,7 +22,7 @@ pub struct Config {
 }
 
 /// The laser scanner.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Scanner {
     /// Added to the roll of every beam: the scanner's own tilt about the forward axis.
     pub mounting_offset: Angle,
@@ -36,7 +37,7 @@ pub struct Scanner {
 }
 
 /// The inertial unit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Ins {
     /// Baud rate of the unit's line.
     pub baud: u32,
@@ -47,7 +48,7 @@ pub struct Ins {
 }
 
 /// The roll between and beyond poses.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Attitude {
     /// The longest interval between two poses over which roll is interpolated, in microseconds.
     pub max_gap_us: u32,
@@ -56,7 +57,7 @@ pub struct Attitude {
 }
 
 /// Which algorithm selects and measures the slopes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum Method {
     /// Bounded-loss selection and robust fit on the raw levelled points.
     Measuring,
@@ -65,7 +66,7 @@ pub enum Method {
 }
 
 /// Search and measurement.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Survey {
     /// Which algorithm runs.
     pub method: Method,
@@ -78,7 +79,7 @@ pub struct Survey {
 }
 
 /// What counts as a slope (median-slope paper, step 3).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Limits {
     /// Shortest segment.
     pub min_length_um: i32,
@@ -93,7 +94,7 @@ pub struct Limits {
 }
 
 /// Thresholds of the paper's own search.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Seed {
     /// Lateral spacing of the resampled points.
     pub spacing_um: i32,
@@ -108,7 +109,7 @@ pub struct Seed {
 }
 
 /// Parameters of the measuring mode.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Measuring {
     /// Standard deviation of one range (one sigma), the prior that a scan's own residuals update.
     pub range_sigma_um: i32,

@@ -1,12 +1,15 @@
 //! The messages of the link: [`Message`] from the board, [`Command`] to it.
 
+use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use crate::config::{Config, Method};
+use crate::ranges::{self, MAX_VALUES, RangeError};
+use crate::scan_wire::as_bytes;
 use crate::units::{Angle, DeviceTime};
 
 /// What the board sends. The order of the variants is their number on the wire: append, never insert.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum Message<'a> {
     /// First frame after boot and the answer to [`Command::Identify`].
     #[serde(borrow)]
@@ -31,27 +34,30 @@ pub enum Message<'a> {
     Log(LogLine<'a>),
     /// The answer to a command.
     Reply(Reply),
-    /// The survey starts (attitude history and queues are empty) or stops (what was waiting has been worked off).
+    /// The survey starts or stops.
     Session(Session),
+    /// What the next frame carries did not enter the survey.
+    Skip(Skip),
 }
 
 /// Who the board is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Hello<'a> {
-    /// Hash of the message schema, see `schema::HASH`.
+    /// Hash of the message schema, see [`HASH`](crate::schema::HASH).
     pub schema: u64,
-    /// Name and version of the firmware, for example `crossfall 0.1.0`.
+    /// Name and version of the firmware, for example `crossfall 0.1.0`; at most [`MAX_NAME`](crate::frame::MAX_NAME) bytes.
     pub firmware: &'a str,
-    /// Name of the board, for example `olimex-stm32-h405`.
+    /// Name of the board, for example `olimex-stm32-h405`; at most [`MAX_NAME`](crate::frame::MAX_NAME) bytes.
     pub board: &'a str,
     /// Number of this boot, 0 when the board cannot count them.
     pub boot: u32,
-    /// Why the board restarted: empty after power-on, else a reset cause or the text of a panic.
+    /// Why the board restarted: empty after power-on, else a reset cause or the text of a panic; at most
+    /// [`MAX_TEXT`](crate::frame::MAX_TEXT) bytes.
     pub restart: &'a str,
 }
 
-/// One scan as the sensor sent it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// One scan as the sensor sent it. It is the largest of the frequent messages: `scan_wire` packs it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Scan<'a> {
     /// 0-based number of the scan in its stream.
     pub index: u32,
@@ -65,13 +71,22 @@ pub struct Scan<'a> {
     pub status: u8,
     /// Scan index and telegram index, when the scanner sends them.
     pub counters: Option<[u8; 2]>,
-    /// The values, coded by `ranges`.
-    #[serde(borrow)]
+    /// The values, coded by [`ranges::encode`](crate::ranges::encode); [`Scan::values`] has them back.
     pub code: &'a [u8],
 }
 
+impl Scan<'_> {
+    /// The values as the scanner sent them, as many as the count word says, decoded into `out`.
+    ///
+    /// # Errors
+    /// [`RangeError`] when the code is not one that [`ranges::encode`](crate::ranges::encode) makes for this scan.
+    pub fn values<'b>(&self, out: &'b mut [u16; MAX_VALUES]) -> Result<&'b [u16], RangeError> {
+        ranges::decode(self.layout, self.mode, self.code, out)
+    }
+}
+
 /// How a scan is to be read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct ScanMode {
     /// Angle of the whole scan in degrees: 180 or 100.
     pub span_deg: u8,
@@ -82,7 +97,7 @@ pub struct ScanMode {
 }
 
 /// One pose. Angles by SPAN's signs: roll positive = right side down, pitch positive = nose up, azimuth clockwise from north.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Pose {
     /// The instant at which the pose is valid.
     pub time: DeviceTime,
@@ -107,7 +122,7 @@ pub struct Pose {
 }
 
 /// Position (WGS 84) and velocity of a pose.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Fix {
     /// Latitude in 1e-9 degrees.
     pub latitude_ndeg: i64,
@@ -120,7 +135,7 @@ pub struct Fix {
 }
 
 /// One edge of the pulse per second.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Pulse {
     /// The edge.
     pub time: DeviceTime,
@@ -129,7 +144,7 @@ pub struct Pulse {
 }
 
 /// What the clock made of a pulse.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum PulseVerdict {
     /// It continues the second count.
     Accepted,
@@ -140,7 +155,7 @@ pub enum PulseVerdict {
 }
 
 /// The mapping between device time and GPS time: `gps = gps_us + (device - anchor) * (1 - drift)`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct ClockState {
     /// Device time of the anchor.
     pub anchor: DeviceTime,
@@ -153,7 +168,7 @@ pub struct ClockState {
 }
 
 /// The result of one scan.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Profile {
     /// Number of the scan.
     pub scan: u32,
@@ -172,7 +187,7 @@ pub struct Profile {
 }
 
 /// One side of a section.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Side {
     /// Slope of the road, positive = rising outward; absent when no road line was found.
     pub road: Option<Angle>,
@@ -187,7 +202,7 @@ pub struct Side {
 }
 
 /// A place where one line gives way to the next, as a signed lateral distance from the sensor (left positive).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Hinge {
     /// Best estimate: the intersection of the fitted lines where there is one, else the point of significant departure.
     pub y_um: i32,
@@ -198,7 +213,7 @@ pub struct Hinge {
 }
 
 /// One slope.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Slope {
     /// Inclination, positive = rising outward.
     pub angle: Angle,
@@ -258,7 +273,7 @@ pub mod flags {
 }
 
 /// Counters since boot and states, once a second. Every loss has a counter.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Status {
     /// When it was taken.
     pub time: DeviceTime,
@@ -270,10 +285,14 @@ pub struct Status {
     pub scans: u32,
     /// Scans that the telegram index proves missing.
     pub scans_missing: u32,
+    /// Whole scan telegrams of an unknown layout.
+    pub scans_unreadable: u32,
     /// Scans without a profile because the survey could not keep up.
     pub scans_skipped: u32,
     /// Poses decoded.
     pub poses: u32,
+    /// Whole logs of the inertial unit with a field that is no number or out of range.
+    pub poses_unreadable: u32,
     /// Pulses accepted.
     pub pulses: u32,
     /// Pulses found spurious.
@@ -287,7 +306,7 @@ pub struct Status {
 }
 
 /// Counters of one sensor line. `bytes` = bytes of good frames + `skipped` + those of a frame under way.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct LineCounters {
     /// Bytes received.
     pub bytes: u64,
@@ -302,19 +321,19 @@ pub struct LineCounters {
 }
 
 /// A line of text, or raw defmt bytes, from the firmware.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct LogLine<'a> {
     /// When.
     pub time: DeviceTime,
     /// How grave; [`Level::Defmt`] marks a piece of a defmt stream.
     pub level: Level,
-    /// UTF-8 text or defmt bytes.
-    #[serde(borrow)]
+    /// UTF-8 text or defmt bytes, at most [`MAX_TEXT`](crate::frame::MAX_TEXT).
+    #[serde(borrow, serialize_with = "as_bytes")]
     pub text: &'a [u8],
 }
 
 /// Gravity of a log line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum Level {
     /// Something failed.
     Error,
@@ -327,7 +346,7 @@ pub enum Level {
 }
 
 /// The answer to a command.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Reply {
     /// The sequence number of the command's frame.
     pub to: u16,
@@ -336,7 +355,7 @@ pub struct Reply {
 }
 
 /// What came of a command.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum Outcome {
     /// Done.
     Done,
@@ -348,17 +367,27 @@ pub enum Outcome {
     Pong(u32),
 }
 
+/// Sent just before a scan or pose that the board streams but had no time to survey, so that a host that repeats the survey leaves it out too.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Skip {
+    /// The scan with this index.
+    Scan(u32),
+    /// The pose with this time.
+    Pose(DeviceTime),
+}
+
 /// A border of the survey.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum Session {
     /// The survey begins with empty histories.
     Started(DeviceTime),
-    /// The survey has worked off all that was waiting.
+    /// No more scans enter. Those that wait are measured with the attitude there is; their profiles follow.
     Stopped(DeviceTime),
 }
 
 /// What the host sends. The order of the variants is their number on the wire: append, never insert.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum Command {
     /// Say hello, configuration and clock again.
     Identify,

@@ -9,12 +9,13 @@
 
 use core::ops::{Add, Neg, Sub};
 
+use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 /// A binary angle: 2^32 units are one turn, so that adding wraps as angles do and nothing can overflow.
 ///
 /// One unit is 8.4e-8 degrees. The range read as signed is -180 degrees (included) to +180 (excluded).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Schema)]
 #[serde(transparent)]
 pub struct Angle(pub i32);
 
@@ -64,7 +65,7 @@ impl Neg for Angle {
 }
 
 /// Microseconds since the board booted. 64 bits last 584,000 years: never wraps.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Schema)]
 #[serde(transparent)]
 pub struct DeviceTime(pub u64);
 

@@ -4,6 +4,8 @@
 
 pub mod attitude;
 pub mod clock;
+pub mod instrument;
+pub mod profile;
 pub mod scan;
 pub mod sensors;
 pub mod trig;

@@ -15,7 +15,7 @@ use crate::scan::{KNOTS, RawScan, RollTrack};
 use cubic::Cubic;
 
 /// Poses kept: 320 ms at 100 Hz. A scan needs those from its first beam (41 ms before its telegram is complete) on.
-const HISTORY: usize = 32;
+pub const HISTORY: usize = 32;
 
 /// A pose out of order by less than this is ignored; by more, time itself has been set anew and the history begins again.
 const REORDER_US: i64 = 500_000;

@@ -8,7 +8,7 @@ mod pulses;
 
 pub use counter::Counter;
 pub use gps::{GpsClock, GpsTime};
-pub use pulses::{MAX_DRIFT, PulseTrain};
+pub use pulses::{MAX_DRIFT, PulseTrain, WINDOW};
 
 /// One second, in the unit of [`DeviceTime`](crate::protocol::DeviceTime).
 pub const SECOND_US: i64 = 1_000_000;

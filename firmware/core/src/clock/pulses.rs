@@ -12,7 +12,7 @@ use crossfall_protocol::message::PulseVerdict;
 use super::SECOND_US;
 
 /// Pulses that the rate is taken over.
-const WINDOW: usize = 16;
+pub const WINDOW: usize = 16;
 
 /// The fastest or slowest device clock that is believed: one part in 64 (an RC oscillator is good to one in 100).
 pub const MAX_DRIFT: i64 = 64;

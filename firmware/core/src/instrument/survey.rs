@@ -1,0 +1,106 @@
+//! The survey layer: scans, poses and configurations in, profiles out.
+//!
+//! Its input is exactly what is streamed and logged, in the same order, and nothing else enters: no clock, no counter, no sensor byte.
+//! So a host that feeds a log to a [`Survey`] of its own gets every profile back bit for bit.
+//!
+//! A scan waits until two poses lie beyond its last beam, which is what the attitude's cubic needs and all that it needs. Up to
+//! [`WAITING`] scans wait (213 ms at 37.5 scans a second, more than any latency that SPAN units have shown); when another comes, or the
+//! survey stops, the oldest is measured with the attitude there is and flagged accordingly.
+
+use crossfall_protocol::Config;
+use crossfall_protocol::message::{Message, Profile, Session};
+
+use super::Event;
+use crate::attitude::History;
+use crate::profile;
+use crate::scan::{KNOTS, RawScan, RollTrack};
+
+/// Scans that may wait for their attitude.
+pub const WAITING: usize = 8;
+
+/// The survey layer of one instrument. Its size is constant and holds no references.
+#[derive(Debug)]
+pub struct Survey {
+    config: Config,
+    running: bool,
+    history: History,
+    waiting: heapless::Deque<RawScan, WAITING>,
+    work: profile::Workspace,
+}
+
+impl Default for Survey {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Survey {
+    /// A survey that waits for [`Session::Started`].
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            config: Config::default(),
+            running: false,
+            history: History::default(),
+            waiting: heapless::Deque::new(),
+            work: profile::Workspace::new(),
+        }
+    }
+
+    /// Takes one event in the order of the stream; those that are no input of the survey change nothing.
+    pub fn take(&mut self, event: &Event<'_>, out: &mut impl FnMut(Profile)) {
+        match event {
+            Event::Scan(scan) if self.running => {
+                if self.waiting.is_full() {
+                    self.measure_oldest(out);
+                }
+                let _ = self.waiting.push_back((*scan).clone());
+                self.measure_ready(out);
+            }
+            Event::Message(Message::Pose(pose)) => {
+                self.history.push(pose);
+                self.measure_ready(out);
+            }
+            Event::Message(Message::Config(config)) => self.config = *config,
+            Event::Message(Message::Session(Session::Started(_))) => {
+                self.history.clear();
+                self.waiting.clear();
+                self.running = true;
+            }
+            Event::Message(Message::Session(Session::Stopped(_))) => {
+                while !self.waiting.is_empty() {
+                    self.measure_oldest(out);
+                }
+                self.running = false;
+            }
+            Event::Scan(_) | Event::Message(_) => {}
+        }
+    }
+
+    /// Scans that wait for their attitude.
+    #[must_use]
+    pub fn waiting(&self) -> usize {
+        self.waiting.len()
+    }
+
+    fn measure_ready(&mut self, out: &mut impl FnMut(Profile)) {
+        while let Some(scan) = self.waiting.front() {
+            let start = scan.start(self.config.scanner.delay_us);
+            let last_knot_us = RollTrack::knot_ns(scan, scan.turns() - 1, KNOTS - 1) / 1_000;
+            if !self.history.covers(start.offset(i64::from(last_knot_us))) {
+                break;
+            }
+            self.measure_oldest(out);
+        }
+    }
+
+    fn measure_oldest(&mut self, out: &mut impl FnMut(Profile)) {
+        let Some(scan) = self.waiting.pop_front() else { return };
+        let time = scan.start(self.config.scanner.delay_us);
+        let roll = self.history.over_scan(&scan, time, &self.config.attitude);
+        let (left, right, mut flags) = profile::measure(&scan, &roll.track, &self.config, &mut self.work);
+        flags |= roll.flags;
+        let method = self.config.survey.method;
+        out(Profile { scan: scan.index, time, method, flags, roll: roll.nadir, left, right });
+    }
+}

@@ -1,0 +1,139 @@
+//! The measuring mode: slopes from the levelled raw points at the limit of the scanner's noise, with honest intervals.
+//!
+//! One side is worked off going outward: road line and departure, then twice search, robust fit and extents (adjacent and
+//! opposing slope), then the hinges as intersections of neighbouring lines. `docs/profile.md` has the method at length.
+
+mod hinge;
+mod line;
+mod magnitude;
+mod road;
+mod sample;
+mod search;
+mod slope;
+
+use crossfall_protocol::config::Survey;
+use crossfall_protocol::message::{Hinge, Side, flags};
+
+use crate::scan::Points;
+use crate::trig;
+use sample::{GRAIN_BITS, Noise, Samples};
+use search::{Anchors, Wanted};
+use slope::Found;
+
+pub use sample::Outward;
+
+/// The arrays of the measuring mode, reused for both sides.
+#[derive(Debug, Default)]
+pub struct Workspace {
+    samples: Samples,
+    anchors: Anchors,
+}
+
+impl Workspace {
+    /// An empty workspace.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { samples: Samples::new(), anchors: Anchors::new() }
+    }
+}
+
+/// What both sides of a scan share.
+#[derive(Clone, Copy, Debug)]
+pub struct Scan<'a> {
+    /// The levelled returns.
+    pub points: &'a Points,
+    /// Number of the beam that looks straight down.
+    pub down_beam: u16,
+    /// Micrometres in the scanner's unit: ranges are rounded to it.
+    pub unit_um: i32,
+}
+
+/// Measures one side of a scan.
+pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Workspace) -> Side {
+    let inner = road::INNER;
+    let down_beam = scan.down_beam as i16;
+    match outward {
+        Outward::Left => sample::take(scan.points.iter(), outward, down_beam, inner, &mut work.samples),
+        Outward::Right => sample::take(scan.points.iter().rev(), outward, down_beam, inner, &mut work.samples),
+    }
+    let mut side = Side::default();
+    let prior = prior_noise(survey, scan.unit_um);
+    let Some(road) = road::find(&mut work.samples, prior) else {
+        side.flags = flags::NO_ROAD;
+        return side;
+    };
+    side.road = Some(trig::slope_angle(road.fit.line.slope_q30));
+    let samples = &mut work.samples;
+    let departure_um = samples.get(road.departure).map_or(0, |s| outward.lateral_um(s.u));
+    if road.departure < samples.len() {
+        side.edge = Some(Hinge { y_um: departure_um, ci95_um: 0, departure_um });
+    }
+    search::anchors(samples, &mut work.anchors);
+    let limits = &survey.limits;
+    let (least_q14, most_q14) = (trig::slope(limits.min_slope) >> 16, trig::slope(limits.max_slope) >> 16);
+    let wanted = |rising: bool| Wanted {
+        least_q14: if rising { least_q14 - SLACK_Q14 } else { -most_q14 - SLACK_Q14 },
+        most_q14: if rising { most_q14 + SLACK_Q14 } else { -least_q14 + SLACK_Q14 },
+        longest: limits.max_length_um >> GRAIN_BITS,
+        obstruction: (limits.obstruction_um >> GRAIN_BITS).clamp(1, (1 << 15) - 1),
+    };
+    let from_u = samples.get(road.departure).map_or(i32::MAX, |s| s.u - sample::millimetres(500));
+    let from = samples.partition_point(|s| s.u < from_u);
+    let mut noise = road.noise;
+    let Some(adjacent) = slope::measure(samples, &work.anchors, from, &wanted(false), &mut noise) else {
+        return side;
+    };
+    let from = adjacent.run.last + 1;
+    let opposing = slope::measure(samples, &work.anchors, from, &wanted(true), &mut noise);
+    report(&mut side, samples, outward, &road, adjacent, opposing, &noise);
+    side
+}
+
+/// A candidate may miss the limits by about 0.6 degrees: its base is short and noisy. The measured slope may not.
+const SLACK_Q14: i32 = 170;
+
+/// The configured noise in grains; rounding to the scanner's unit adds unit^2 / 12.
+fn prior_noise(survey: &Survey, unit_um: i32) -> Noise {
+    let grains = |um: i32| (um.clamp(0, 60_000) >> GRAIN_BITS) as u32;
+    let (range, unit, rough) =
+        (grains(survey.measuring.range_sigma_um), grains(unit_um), grains(survey.measuring.roughness_um));
+    Noise {
+        range: (range * range + unit * unit / 12).isqrt().clamp(1, Noise::MAX_RANGE),
+        rough2: (rough * rough).clamp(Noise::MIN_ROUGH2, Noise::MAX_ROUGH2),
+    }
+}
+
+/// Settles the slopes between their hinges and fills in what was found.
+fn report(
+    side: &mut Side,
+    samples: &mut [sample::Sample],
+    outward: Outward,
+    road: &road::Road,
+    mut adjacent: Found,
+    mut opposing: Option<Found>,
+    noise: &Noise,
+) {
+    for pass in 0..=SETTLING {
+        let edge = hinge::edge(samples, &road.fit, road.departure, &adjacent);
+        let (foot, facing) = match &opposing {
+            Some(opposing) => {
+                let (foot, start) = hinge::across(samples, &adjacent, opposing, noise);
+                (foot, Some((start, hinge::end(samples, opposing, noise))))
+            }
+            None => (hinge::end(samples, &adjacent, noise), None),
+        };
+        if pass < SETTLING {
+            adjacent.settle(samples, &edge, &foot, noise);
+            if let (Some(opposing), Some((start, top))) = (&mut opposing, &facing) {
+                opposing.settle(samples, start, top, noise);
+            }
+            continue;
+        }
+        side.edge = Some(edge.message(outward));
+        side.adjacent = Some(adjacent.message(outward, &edge, &foot));
+        side.opposing = opposing.zip(facing).map(|(opposing, (start, top))| opposing.message(outward, &start, &top));
+    }
+}
+
+/// How often the slopes are fitted anew between the hinges that they make.
+const SETTLING: usize = 2;

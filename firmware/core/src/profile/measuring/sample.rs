@@ -1,0 +1,111 @@
+//! The returns of one side as the fits want them, and what the noise of a range does to them.
+//!
+//! Lengths are counted in grains of 8 micrometres: 33.5 m are 2^22 grains, squares of what a line is judged by
+//! (up to 250 mm) fit 32 bits, and rounding to a grain is far below a scanner's millimetre.
+
+use heapless::Vec;
+
+use crate::scan::{Echo, MAX_BEAMS};
+
+/// log2 of the micrometres in a grain.
+pub const GRAIN_BITS: u32 = 3;
+
+/// Returns further away than this on either axis are left out: 33.5 m, beyond the scanner's reach in millimetres.
+const REACH_UM: i32 = 1 << (22 + GRAIN_BITS);
+
+/// Grains in a number of millimetres.
+pub const fn millimetres(mm: i32) -> i32 {
+    mm * 125
+}
+
+/// One return, going outward from the sensor.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Sample {
+    /// Distance outward, in grains.
+    pub u: i32,
+    /// Height, in grains.
+    pub z: i32,
+    /// Outward part of the beam's direction, 14 fraction bits.
+    pub out_q14: i16,
+    /// Downward part of the beam's direction, 14 fraction bits.
+    pub down_q14: i16,
+    /// Number of the beam, counted outward from straight down (negative on the other side).
+    pub beam: i16,
+    /// Weight in the fit under way.
+    pub weight: u16,
+}
+
+/// The samples of one side, from a little beyond straight down on the other side outward.
+pub type Samples = Vec<Sample, MAX_BEAMS>;
+
+/// Which way is outward.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outward {
+    Left,
+    Right,
+}
+
+impl Outward {
+    /// A distance outward, in grains, as a lateral distance in micrometres (left positive).
+    pub fn lateral_um(self, u: i32) -> i32 {
+        let um = u.clamp(-(1 << 27), 1 << 27) << GRAIN_BITS;
+        if self == Self::Left { um } else { -um }
+    }
+}
+
+/// How a range errs and how rough the surface is: one sigma each, squared where that is what is needed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Noise {
+    /// Of a range, in grains; at most 2^13 (65 mm).
+    pub range: u32,
+    /// Square of the roughness, in square grains; at most 2^24 (33 mm squared).
+    pub rough2: u32,
+}
+
+impl Noise {
+    pub const MAX_RANGE: u32 = 1 << 13;
+    pub const MAX_ROUGH2: u32 = 1 << 24;
+    /// 0.3 mm: rounding, the scanner's digits and the beam angle leave at least this.
+    pub const MIN_ROUGH2: u32 = 38 * 38;
+
+    /// Variance, in square grains, of a sample's vertical distance from a line: the range error enters with
+    /// g = down + slope x out. At most 2^13 x 1.5 squared + 2^24 < 2^28.
+    pub fn variance(&self, sample: &Sample, slope_q14: i32) -> u32 {
+        let g_q14 = i32::from(sample.down_q14) + ((slope_q14 * i32::from(sample.out_q14)) >> 14);
+        let part = (self.range * g_q14.unsigned_abs()) >> 14;
+        part * part + self.rough2
+    }
+}
+
+/// Takes one side's returns out of a scan, in outward order, beginning `inner` grains on the other side.
+/// `echoes` comes in that order already.
+pub fn take<'a>(
+    echoes: impl Iterator<Item = &'a Echo>,
+    outward: Outward,
+    down_beam: i16,
+    inner: i32,
+    samples: &mut Samples,
+) {
+    samples.clear();
+    let sign = if outward == Outward::Left { 1 } else { -1 };
+    for echo in echoes {
+        let (y_um, z_um) = (echo.point.y_um, echo.point.z_um);
+        if y_um.abs() >= REACH_UM || z_um.abs() >= REACH_UM {
+            continue;
+        }
+        let u = (sign * y_um) >> GRAIN_BITS;
+        if u < -inner {
+            continue;
+        }
+        let sample = Sample {
+            u,
+            z: z_um >> GRAIN_BITS,
+            out_q14: -(sign as i16) * echo.cos_q14,
+            down_q14: echo.sin_q14,
+            beam: sign as i16 * (echo.beam as i16 - down_beam),
+            weight: 0,
+        };
+        // Never full: a scan has no more echoes than there are places.
+        let _ = samples.push(sample);
+    }
+}

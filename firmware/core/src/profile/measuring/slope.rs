@@ -1,0 +1,160 @@
+//! One slope: found, fitted on its own run of samples, and told how sure it is.
+
+use crossfall_protocol::Angle;
+use crossfall_protocol::message::{Slope, flags};
+
+use super::hinge::Place;
+use super::line::{Fit, Gate, Line, fit, weigh};
+use super::magnitude::Magnitude;
+use super::sample::{GRAIN_BITS, Noise, Outward, Sample, millimetres};
+use super::search::{self, Run, Wanted};
+use crate::trig;
+
+/// A run must earn what this many samples on the line would: fewer can be chance.
+const LEAST_SCORE: i32 = 5 * 200;
+
+/// Fewest samples within the gate.
+const LEAST_SAMPLES: u32 = 5;
+
+/// Pseudo-observations of the assumed noise against the slope's own residuals: in the roughness, and in the interval.
+const ROUGHNESS_PRIOR: u32 = 8;
+const INTERVAL_PRIOR: u32 = 12;
+
+/// A slope with what its neighbours need to know.
+#[derive(Clone, Copy, Debug)]
+pub struct Found {
+    pub fit: Fit,
+    /// Its samples, as indices among all of the side.
+    pub run: Run,
+}
+
+/// Finds and measures the slope that is `wanted`, from sample `from` on; keeps what its residuals say about the noise.
+pub fn measure(
+    samples: &mut [Sample],
+    anchors: &[Sample],
+    from: usize,
+    wanted: &Wanted,
+    noise: &mut Noise,
+) -> Option<Found> {
+    let beyond = samples.get_mut(from..)?;
+    let (mut line, mut run) = search::find(beyond, anchors, wanted, noise)?;
+    for _ in 0..2 {
+        if run.score < LEAST_SCORE {
+            return None;
+        }
+        let part = beyond.get_mut(run.first..=run.last)?;
+        let shift = weigh(part, noise, line.slope_q14());
+        for _ in 0..2 {
+            line = fit(part, &line, shift, Gate::TUKEY)?.line;
+        }
+        run = search::run(beyond, &line, wanted, noise);
+    }
+    let part = beyond.get_mut(run.first..=run.last)?;
+    let first_pass = refit(part, &line, noise)?;
+    *noise = roughened(noise, &first_pass, part);
+    let fit = refit(part, &first_pass.line, noise)?;
+    let run = Run { first: run.first + from, last: run.last + from, score: run.score };
+    Some(Found { fit, run })
+}
+
+impl Found {
+    /// Fits again over the samples between two places: the ends of a run lean on its own residuals, those of the hinges
+    /// do not, so that no sample is chosen for lying where the line wants it.
+    pub fn settle(&mut self, samples: &mut [Sample], start: &Place, end: &Place, noise: &Noise) {
+        let first = samples.partition_point(|s| s.u < start.u);
+        let past = samples.partition_point(|s| s.u <= end.u);
+        let Some(part) = samples.get_mut(first..past) else { return };
+        if let Some(fit) = refit(part, &self.fit.line, noise) {
+            if fit.count >= LEAST_SAMPLES.min(self.fit.count) {
+                self.fit = fit;
+                self.run = Run { first, last: past - 1, ..self.run };
+            }
+        }
+    }
+}
+
+/// Three reweighted steps with weights of the present noise.
+fn refit(part: &mut [Sample], line: &Line, noise: &Noise) -> Option<Fit> {
+    let shift = weigh(part, noise, line.slope_q14());
+    let once = fit(part, line, shift, Gate::TUKEY)?;
+    let twice = fit(part, &once.line, shift, Gate::TUKEY)?;
+    fit(part, &twice.line, shift, Gate::TUKEY)
+}
+
+/// The noise with a roughness that explains the residuals of a fit.
+fn roughened(noise: &Noise, fitted: &Fit, part: &[Sample]) -> Noise {
+    let Some(middle) = part.get(part.len() / 2) else { return *noise };
+    let ratio_q10 = ratio_q10(fitted, ROUGHNESS_PRIOR);
+    let assumed = noise.variance(middle, fitted.line.slope_q14());
+    let explained = (u64::from(assumed) * u64::from(ratio_q10)) >> 10;
+    let rough2 = (u64::from(noise.rough2) + explained).saturating_sub(u64::from(assumed));
+    let rough2 = rough2.clamp(u64::from(Noise::MIN_ROUGH2), u64::from(Noise::MAX_ROUGH2)) as u32;
+    Noise { rough2, ..*noise }
+}
+
+/// Mean square of the residuals over the assumed variances, with `prior` observations as assumed, 10 fraction bits.
+fn ratio_q10(fitted: &Fit, prior: u32) -> u32 {
+    let freedom_q8 = fitted.effective_q8.saturating_sub(2 << 8) + (prior << 8);
+    let chi2_q8 = fitted.chi2_q8 + (prior << 8);
+    ((u64::from(chi2_q8) << 10) / u64::from(freedom_q8.max(1))).min(1 << 20) as u32
+}
+
+/// Half width of the 95 % interval of a slope, 30 fraction bits.
+fn interval(fitted: &Fit) -> u32 {
+    let scale = Magnitude::new(u64::from(ratio_q10(fitted, INTERVAL_PRIOR)), -10);
+    // Student's t at 97.5 %: 1.96 + 2.37 / n + 2.8 / n^2, good to 1 % from 5 degrees of freedom on.
+    let freedom = u64::from((fitted.effective_q8 >> 8).saturating_sub(2) + INTERVAL_PRIOR).max(1);
+    let t_q10 = 2007 + 2427 / freedom + 2867 / (freedom * freedom);
+    let half = fitted.slope_variance.times(scale).root().times(Magnitude::new(t_q10, -10));
+    half.scaled(30)
+}
+
+/// Flags from the samples of a run.
+pub fn marks(part: &[Sample], fitted: &Fit, noise: &Noise, obstruction: i32) -> u16 {
+    let slope_q14 = fitted.line.slope_q14();
+    let (mut above, mut astray) = (0, 0);
+    for sample in part {
+        let e = fitted.line.residual(sample);
+        if e.abs() > obstruction {
+            astray += 1;
+        } else if e > 0 && (e * e) as u32 / 12 > noise.variance(sample, slope_q14) {
+            above += 1;
+        }
+    }
+    let mut marks = 0;
+    if 8 * above > part.len() {
+        marks |= flags::VEGETATION;
+    }
+    if astray >= 2 {
+        marks |= flags::OBSTRUCTED;
+    }
+    marks
+}
+
+impl Found {
+    /// The slope as it is reported.
+    pub fn message(&self, outward: Outward, start: &Place, end: &Place) -> Slope {
+        let slope_q30 = self.fit.line.slope_q30;
+        let angle = trig::slope_angle(slope_q30);
+        let cosine = trig::direction(angle).cos_q30.max(1);
+        // d(angle) = d(slope) cos^2, and 2^30 units of slope are 2^32 / (2 pi) units of angle: 4 / (2 pi).
+        const UNITS_Q32: u64 = 2_734_261_102;
+        let cos2_q30 = (i64::from(cosine) * i64::from(cosine)) as u64 >> 30;
+        let flat = (u64::from(interval(&self.fit)) * UNITS_Q32) >> 32;
+        let ci95 = ((flat * cos2_q30) >> 30).min(1 << 30) as i32;
+        let run_um = i64::from(end.u.abs_diff(start.u)) << GRAIN_BITS;
+        Slope {
+            angle,
+            ci95: Angle(ci95),
+            length_um: ((run_um << 30) / i64::from(cosine)).min(i64::from(i32::MAX)) as i32,
+            points: self.fit.count as u16,
+            start: start.message(outward),
+            end: end.message(outward),
+        }
+    }
+
+    /// Shortest length, hinge to hinge, that this slope may have.
+    pub fn long_enough(&self, start: &Place, end: &Place, least: i32) -> bool {
+        end.u - start.u >= least - millimetres(150)
+    }
+}
