@@ -3,47 +3,18 @@
 //! Every event goes to the survey's queue and to the link in one step that nothing interrupts at this priority, so that both see
 //! the same order: a log then holds the survey's input exactly, which is what makes it provable.
 //!
-//! The survey runs at a lower priority and may be behind. A scan is only queued while [`RESERVE`] places remain for poses
-//! and borders; else it is streamed, counted as skipped and not measured. A pose without room is withheld from the link too,
-//! as a counted gap: the log must not show the survey an input that it did not have.
+//! The survey runs at a lower priority and may be behind. A scan without room in its queue is streamed, counted as skipped and
+//! not measured. A pose without room is withheld from the link too, as a counted gap: the log must not show the survey an
+//! input that it did not have.
 
 use core::cell::RefCell;
 
 use crossfall_core::instrument::{Decode, Event};
-use crossfall_core::scan::RawScan;
-use crossfall_protocol::message::{Command, Level, LogLine, Message, Outcome, Pose, Profile, Reply, Session, Status};
+use crossfall_protocol::message::{Command, Level, LogLine, Message, Outcome, Profile, Reply, Status};
 use crossfall_protocol::{Config, DeviceTime};
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::zerocopy_channel::{Channel, Sender};
 
 use crate::outbox::Outbox;
-
-/// Places in the survey's queue.
-pub const QUEUE: usize = 10;
-
-/// Places that scans leave free: at 100 poses a second, 50 ms of computing.
-pub const RESERVE: usize = 5;
-
-/// One input of the survey.
-// A scan is much larger than the rest. The queue's places are allotted once, so boxing would gain nothing.
-#[allow(clippy::large_enum_variant)]
-#[derive(Clone, Debug, Default)]
-pub enum Work {
-    /// An empty place.
-    #[default]
-    None,
-    /// A scan to measure.
-    Scan(RawScan),
-    /// A pose for the attitude's history.
-    Pose(Pose),
-    /// A configuration that holds from here on.
-    Config(Config),
-    /// A border of the survey.
-    Session(Session),
-}
-
-/// The queue to the survey.
-pub type WorkQueue<'q> = Channel<'q, CriticalSectionRawMutex, Work>;
+use crate::work::{Work, WorkSender};
 
 /// The shared state. Borrowed for one synchronous step at a time, never across a wait.
 pub type Shared<'q> = RefCell<Acquisition<'q>>;
@@ -58,7 +29,7 @@ pub struct Acquisition<'q> {
 /// Where events go.
 struct Outlets<'q> {
     link: Outbox<'q>,
-    survey: Sender<'q, CriticalSectionRawMutex, Work>,
+    survey: WorkSender<'q>,
     scans_skipped: u32,
 }
 
@@ -74,7 +45,7 @@ struct Lost {
 impl<'q> Acquisition<'q> {
     /// Ties a decode layer to its outlets.
     #[must_use]
-    pub fn new(decode: Decode, link: Outbox<'q>, survey: Sender<'q, CriticalSectionRawMutex, Work>) -> Self {
+    pub fn new(decode: Decode, link: Outbox<'q>, survey: WorkSender<'q>) -> Self {
         Self { decode, outlets: Outlets { link, survey, scans_skipped: 0 }, lost: Lost::default() }
     }
 
@@ -122,7 +93,7 @@ impl<'q> Acquisition<'q> {
     /// Whether a configuration or a border of the survey would find room in its queue.
     #[must_use]
     pub fn has_room(&self) -> bool {
-        !self.outlets.survey.is_full()
+        self.outlets.survey.has_room()
     }
 
     /// Lets time pass: the status goes out when its second has come.
@@ -168,35 +139,22 @@ impl<'q> Acquisition<'q> {
 
 impl Outlets<'_> {
     fn put(&mut self, event: &Event<'_>) {
-        match event {
+        let queued = match *event {
             Event::Scan(scan) => {
-                if self.survey.len() + RESERVE < QUEUE {
-                    let _room = self.queue(|| Work::Scan((*scan).clone()));
-                } else {
+                if !self.survey.scan(scan) {
                     self.scans_skipped = self.scans_skipped.wrapping_add(1);
                 }
+                true
             }
-            Event::Message(message) => {
-                let queued = match *message {
-                    Message::Pose(pose) => self.queue(|| Work::Pose(pose)),
-                    Message::Config(config) => self.queue(|| Work::Config(config)),
-                    Message::Session(session) => self.queue(|| Work::Session(session)),
-                    _ => true,
-                };
-                if !queued {
-                    self.link.drop_one();
-                    return;
-                }
-            }
+            Event::Message(Message::Pose(pose)) => self.survey.input(Work::Pose(pose)),
+            Event::Message(Message::Config(config)) => self.survey.input(Work::Config(config)),
+            Event::Message(Message::Session(session)) => self.survey.input(Work::Session(session)),
+            Event::Message(_) => true,
+        };
+        if queued {
+            self.link.event(event);
+        } else {
+            self.link.drop_one();
         }
-        self.link.event(event);
-    }
-
-    /// Queues one input; false when there is no room.
-    fn queue(&mut self, work: impl FnOnce() -> Work) -> bool {
-        let Some(place) = self.survey.try_send() else { return false };
-        *place = work();
-        self.survey.send_done();
-        true
     }
 }

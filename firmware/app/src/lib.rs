@@ -22,6 +22,7 @@ pub mod link;
 pub mod outbox;
 pub mod sensors;
 pub mod survey;
+pub mod work;
 
 use crossfall_protocol::DeviceTime;
 use embassy_time::Instant;

@@ -1,15 +1,14 @@
 //! The link's tasks: frames out, commands in, profiles and log lines into the stream, time.
 
 use crossfall_protocol::frame::{BoardDecoder, Event};
-use crossfall_protocol::message::{Level, Profile};
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::channel::Receiver;
+use crossfall_protocol::message::Level;
 use embassy_time::{Duration, Ticker, Timer};
 use embedded_io_async::{Read, Write};
 
 use crate::acquisition::Shared;
 use crate::now;
 use crate::outbox::Queue;
+use crate::survey::ProfileReceiver;
 
 /// Bytes handed to the link at a time.
 const CHUNK: usize = 128;
@@ -62,7 +61,7 @@ pub async fn receive<R: Read>(shared: &Shared<'_>, mut link: R) -> ! {
 }
 
 /// Puts the survey's results into the stream for ever.
-pub async fn profiles(shared: &Shared<'_>, profiles: Receiver<'_, CriticalSectionRawMutex, Profile, 2>) -> ! {
+pub async fn profiles(shared: &Shared<'_>, profiles: ProfileReceiver<'_>) -> ! {
     loop {
         let profile = profiles.receive().await;
         shared.borrow_mut().profile(profile);

@@ -4,18 +4,16 @@
 //! many there were. Only tasks of the acquisition executor touch it: no lock.
 
 use crossfall_core::instrument::Event;
-use crossfall_core::scan::RawScan;
 use crossfall_protocol::Message;
 use crossfall_protocol::frame::{MAX_MESSAGE_FRAME, Sequencer};
-use crossfall_protocol::message::Scan;
-use crossfall_protocol::ranges::{self, MAX_CODE};
+use crossfall_protocol::ranges::MAX_CODE;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::pipe::Pipe;
 
-/// Bytes that may wait for the link: 170 ms of a survey in full flow, and never less than four of the longest frames.
-pub const CAPACITY: usize = 4096;
+/// Bytes that may wait for the link: 130 ms of a survey in full flow, and never less than three of the longest frames.
+pub const CAPACITY: usize = 3072;
 
-const _: () = assert!(CAPACITY >= 4 * MAX_MESSAGE_FRAME);
+const _: () = assert!(CAPACITY >= 3 * MAX_MESSAGE_FRAME);
 
 /// Encodes messages and keeps their frames until the link takes them.
 pub struct Outbox<'q> {
@@ -44,26 +42,13 @@ impl<'q> Outbox<'q> {
 
     /// Sends an event of the instrument.
     pub fn event(&mut self, event: &Event<'_>) {
-        match event {
-            Event::Scan(scan) => self.scan(scan),
-            Event::Message(message) => self.message(message),
-        }
+        let message = event.message(&mut self.code);
+        send(&mut self.sequencer, &message, &mut self.frame, self.queue, &mut self.dropped);
     }
 
     /// Sends a message.
     pub fn message(&mut self, message: &Message<'_>) {
-        let encoded = self.sequencer.message(message, &mut self.frame);
-        let frame = encoded.ok().and_then(|length| self.frame.get(..length));
-        enqueue(self.queue, frame, &mut self.dropped);
-    }
-
-    fn scan(&mut self, scan: &RawScan) {
-        let RawScan { index, stx, layout, mode, status, counters, ref values } = *scan;
-        let code = ranges::encode(layout, mode, values, &mut self.code);
-        let message = Message::Scan(Scan { index, stx, layout, mode, status, counters, code });
-        let encoded = self.sequencer.message(&message, &mut self.frame);
-        let frame = encoded.ok().and_then(|length| self.frame.get(..length));
-        enqueue(self.queue, frame, &mut self.dropped);
+        send(&mut self.sequencer, message, &mut self.frame, self.queue, &mut self.dropped);
     }
 
     /// Drops what would have been a frame, so that the host sees a gap in its place.
@@ -73,8 +58,10 @@ impl<'q> Outbox<'q> {
     }
 }
 
-/// Queues a whole frame or counts it as dropped.
-fn enqueue(queue: &Queue, frame: Option<&[u8]>, dropped: &mut u32) {
+/// Queues a message's whole frame or counts it as dropped.
+fn send(sequencer: &mut Sequencer, message: &Message<'_>, frame: &mut [u8], queue: &Queue, dropped: &mut u32) {
+    let encoded = sequencer.message(message, frame);
+    let frame = encoded.ok().and_then(|length| frame.get(..length));
     match frame {
         Some(frame) if queue.free_capacity() >= frame.len() => {
             let mut rest = frame;

@@ -1,48 +1,38 @@
 //! The survey's task: works off its queue at the lowest priority and hands profiles back to the acquisition's side.
 
-use crossfall_core::instrument::{Event, Survey, WAITING};
-use crossfall_protocol::Message;
+use crossfall_core::instrument::{Survey, WAITING};
 use crossfall_protocol::message::Profile;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::channel::{Channel, Sender};
-use embassy_sync::zerocopy_channel::Receiver;
+use embassy_sync::channel::{Channel, Receiver, Sender};
+use embassy_time::Timer;
 
-use crate::acquisition::Work;
-
-/// Profiles on their way to the link. When it is full the survey waits: nothing is lost here.
-pub type Profiles = Channel<CriticalSectionRawMutex, Profile, 2>;
-
-/// The survey's end of [`Profiles`].
-pub type ProfileSender<'q> = Sender<'q, CriticalSectionRawMutex, Profile, 2>;
+use crate::work::WorkReceiver;
 
 /// Profiles that one input can bring about: all the waiting scans', and one that its arrival pushes out.
 const AT_ONCE: usize = WAITING + 1;
 
+/// Profiles on their way to the link.
+pub type Profiles = Channel<CriticalSectionRawMutex, Profile, AT_ONCE>;
+
+/// The survey's end of [`Profiles`].
+pub type ProfileSender<'q> = Sender<'q, CriticalSectionRawMutex, Profile, AT_ONCE>;
+
+/// The link's end of [`Profiles`].
+pub type ProfileReceiver<'q> = Receiver<'q, CriticalSectionRawMutex, Profile, AT_ONCE>;
+
 /// Works for ever.
-pub async fn survey(
-    survey: &mut Survey,
-    mut work: Receiver<'_, CriticalSectionRawMutex, Work>,
-    profiles: ProfileSender<'_>,
-) -> ! {
-    let mut done: heapless::Vec<Profile, AT_ONCE> = heapless::Vec::new();
+pub async fn survey(survey: &mut Survey, mut work: WorkReceiver<'_>, profiles: ProfileSender<'_>) -> ! {
     loop {
-        {
-            let mut keep = |profile| {
-                // Has room by the bound above.
-                let _fits = done.push(profile);
-            };
-            match work.receive().await {
-                Work::None => {}
-                Work::Scan(scan) => survey.take(&Event::Scan(scan), &mut keep),
-                Work::Pose(pose) => survey.take(&Event::Message(Message::Pose(*pose)), &mut keep),
-                Work::Config(config) => survey.take(&Event::Message(Message::Config(*config)), &mut keep),
-                Work::Session(session) => survey.take(&Event::Message(Message::Session(*session)), &mut keep),
-            }
+        // Room for all that one input can bring about, so that none of it is lost. The link's side runs at a higher
+        // priority and has emptied the queue long before, unless it stands still.
+        while !profiles.is_empty() {
+            Timer::after_millis(1).await;
         }
-        work.receive_done();
-        for &profile in &done {
-            profiles.send(profile).await;
-        }
-        done.clear();
+        work.next(|event| {
+            survey.take(event, &mut |profile| {
+                let _fits = profiles.try_send(profile);
+            });
+        })
+        .await;
     }
 }

@@ -30,10 +30,11 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m_rt::entry;
 use crossfall_core::instrument::{Decode, Identity, Survey};
-use crossfall_firmware::acquisition::{Acquisition, QUEUE, Shared, Work, WorkQueue};
+use crossfall_firmware::acquisition::{Acquisition, Shared};
 use crossfall_firmware::lights::Lights;
 use crossfall_firmware::outbox::{Outbox, Queue};
 use crossfall_firmware::survey::Profiles;
+use crossfall_firmware::work::{Places, WorkQueue, WorkReceiver, WorkSender};
 use crossfall_firmware::{lights, link, now, sensors, survey};
 use crossfall_protocol::Config;
 use crossfall_protocol::message::Level;
@@ -41,10 +42,8 @@ use embassy_executor::{InterruptExecutor, Spawner};
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::{Peri, Peripherals, interrupt, pac};
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::zerocopy_channel::{Receiver, Sender};
 use embassy_time::Timer;
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
 use clocks::{Clocks, Source};
 use emulation::Platform;
@@ -80,7 +79,7 @@ struct Parts {
     platform: Platform,
     lights: LightPins,
     watchdog: Peri<'static, IWDG>,
-    work: Sender<'static, CriticalSectionRawMutex, Work>,
+    work: WorkSender<'static>,
 }
 
 #[entry]
@@ -100,10 +99,9 @@ fn main() -> ! {
     interrupt::CAN2_RX1.set_priority(Priority::P14);
     time::start(&clocks, &mut core.SYST);
 
-    static PLACES: StaticCell<[Work; QUEUE]> = StaticCell::new();
+    static PLACES: ConstStaticCell<Places> = ConstStaticCell::new(Places::new());
     static WORK: StaticCell<WorkQueue<'static>> = StaticCell::new();
-    let (sender, receiver) =
-        WORK.init(WorkQueue::new(PLACES.init([const { Work::None }; QUEUE]))).split();
+    let (sender, receiver) = WORK.init_with(|| WorkQueue::new(PLACES.take())).split();
 
     let spawner = SURVEY.start(interrupt::CAN2_RX1);
     spawner.spawn(survey_task(receiver).expect("spawned once"));
@@ -216,7 +214,7 @@ async fn feed(watchdog: Peri<'static, IWDG>) {
 }
 
 #[embassy_executor::task]
-async fn survey_task(work: Receiver<'static, CriticalSectionRawMutex, Work>) {
+async fn survey_task(work: WorkReceiver<'static>) {
     static STATE: StaticCell<Survey> = StaticCell::new();
     survey::survey(STATE.init_with(Survey::new), work, PROFILES.sender()).await
 }
