@@ -6,3 +6,8 @@ pub mod container;
 pub mod interrupt;
 pub mod log;
 pub mod output;
+pub mod profiles;
+pub mod run;
+pub mod stream;
+pub mod track;
+pub mod verify;

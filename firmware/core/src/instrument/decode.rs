@@ -251,11 +251,7 @@ impl State {
 
     fn solution(&mut self, solution: &InsSolution, out: &mut impl FnMut(Event<'_>)) {
         let gps = GpsTime::new(solution.week, solution.gps_us);
-        if self.clock.name(gps, solution.arrival)
-            && let Some(clock) = self.clock.state()
-        {
-            out(Event::Message(Message::Clock(clock)));
-        }
+        let renamed = self.clock.name(gps, solution.arrival);
         let mapped = self.clock.device_time(gps);
         let time = mapped.unwrap_or_else(|| solution.arrival.offset(-i64::from(self.latency_us)));
         let latency = solution.arrival.since(time).clamp(i64::from(i32::MIN), i64::from(i32::MAX));
@@ -272,6 +268,9 @@ impl State {
             fix: solution.fix,
             status: solution.status,
         })));
+        if renamed && let Some(clock) = self.clock.state() {
+            out(Event::Message(Message::Clock(clock)));
+        }
     }
 
     fn pulse(&mut self, at: DeviceTime, out: &mut impl FnMut(Event<'_>)) {

@@ -77,6 +77,12 @@ impl Survey {
         }
     }
 
+    /// Whether it is between a start and a stop.
+    #[must_use]
+    pub fn is_running(&self) -> bool {
+        self.running
+    }
+
     /// Scans that wait for their attitude.
     #[must_use]
     pub fn waiting(&self) -> usize {

@@ -11,9 +11,6 @@ use super::slope::Found;
 const NEIGHBOURS: usize = 10;
 const NEIGHBOUR_REACH: i32 = millimetres(8_000);
 
-/// How far an intersection may lie outside of the gap between the two runs.
-const TOLERANCE: i32 = millimetres(300);
-
 /// A place on the section with its uncertainty, in grains outward.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Place {
@@ -27,6 +24,10 @@ pub struct Place {
 }
 
 impl Place {
+    fn departing(self, departure: i32) -> Self {
+        Self { departure, ..self }
+    }
+
     pub fn message(&self, outward: Outward) -> Hinge {
         Hinge {
             y_um: outward.lateral_um(self.u),
@@ -57,86 +58,102 @@ pub fn edge(samples: &[Sample], road: &Fit, departure: usize, adjacent: &Found) 
 
 /// The outer end of a slope after which no other slope was found.
 pub fn end(samples: &mut [Sample], slope: &Found, noise: &Noise) -> Place {
-    let last = samples.get(slope.run.last).map_or(0, |s| s.u);
+    let Some(last) = samples.get(slope.run.last).copied() else { return Place::default() };
     let beyond = samples.get_mut(slope.run.last + 1..).unwrap_or_default();
-    let beyond_count = beyond.len();
-    let near = beyond.partition_point(|s| s.u < last + NEIGHBOUR_REACH).min(NEIGHBOURS);
-    let beyond = beyond.get_mut(..near).unwrap_or_default();
+    let near = beyond.partition_point(|s| s.u < last.u + NEIGHBOUR_REACH).min(NEIGHBOURS);
     let Some(next) = beyond.first().map(|s| s.u) else {
-        return Place { u: last, half: 0, departure: last, seen: beyond_count > 0 };
+        return Place { u: last.u, half: 0, departure: last.u, seen: false };
     };
-    let neighbour = level(beyond, noise);
-    bounded(neighbour.and_then(|n| meeting(&slope.fit, &n)), last, next)
+    let ground = level(beyond.get_mut(..near).unwrap_or_default(), noise);
+    let met = ground.and_then(|ground| between(&slope.fit, &ground.fit, noise, &last, ground.first));
+    met.unwrap_or_else(|| gap(last.u, next)).departing(next)
 }
 
 /// The ends of two slopes that face each other across a ditch: the foot of the first and of the second.
 pub fn across(samples: &mut [Sample], inner: &Found, outer: &Found, noise: &Noise) -> (Place, Place) {
-    let last = samples.get(inner.run.last).map_or(0, |s| s.u);
-    let first = samples.get(outer.run.first).map_or(last, |s| s.u);
-    let floor = samples.get_mut(inner.run.last + 1..outer.run.first).unwrap_or_default();
-    let (Some(next), Some(previous)) = (floor.first().map(|s| s.u), floor.last().map(|s| s.u)) else {
-        let v = meeting(&inner.fit, &outer.fit);
-        let place = bounded(v, last, first);
-        return (place, Place { departure: last, ..place });
+    let (Some(last), Some(first)) = (samples.get(inner.run.last).copied(), samples.get(outer.run.first).copied()) else {
+        return Default::default();
     };
-    let floor = level(floor, noise);
-    let foot = bounded(floor.and_then(|f| meeting(&inner.fit, &f)), last, next);
-    let start = bounded(floor.and_then(|f| meeting(&f, &outer.fit)), previous, first);
-    (foot, Place { departure: previous, ..start })
+    let floor = samples.get_mut(inner.run.last + 1..outer.run.first).unwrap_or_default();
+    let (next, previous) = (floor.first().map_or(first.u, |s| s.u), floor.last().map_or(last.u, |s| s.u));
+    if let Some(ground) = level(floor, noise) {
+        let foot = between(&inner.fit, &ground.fit, noise, &last, ground.first);
+        let start = between(&outer.fit, &ground.fit, noise, &last, first.u);
+        if let (Some(foot), Some(start)) = (foot, start) {
+            if foot.u <= start.u {
+                return (foot.departing(next), start.departing(previous));
+            }
+        }
+    }
+    // No floor to be seen: the slopes meet, or there is one between the beams. Every floor from none to the widest
+    // that no beam would have met explains the scan equally well: the middle is reported, with all of them in its interval.
+    let met = between(&inner.fit, &outer.fit, noise, &last, first.u).unwrap_or_else(|| gap(last.u, first.u));
+    let height = inner.fit.line.height_at(last.u).min(outer.fit.line.height_at(first.u));
+    let level = Line { u: met.u, z: height, slope_q30: 0 };
+    let widest = |slope: &Fit| slope.line.meets(&level).unwrap_or(met.u).clamp(last.u.min(met.u), first.u.max(met.u));
+    let middle = |reach: i32| Place { u: (met.u + reach) / 2, half: met.half + reach.abs_diff(met.u) / 2, ..met };
+    (middle(widest(&inner.fit)).departing(next), middle(widest(&outer.fit)).departing(previous))
 }
 
-/// An intersection, if it lies where the samples say that the change is; else the middle of the gap.
-fn bounded(meeting: Option<(i32, u32)>, last: i32, next: i32) -> Place {
-    match meeting {
-        Some((u, half)) if u > last - TOLERANCE && u < next + TOLERANCE => {
-            Place { u, half, departure: next, seen: true }
-        }
-        _ => Place { u: (last + next) / 2, half: (next - last).unsigned_abs(), departure: next, seen: true },
-    }
+/// An intersection, if it lies between two samples, give or take what noise can shift it by.
+fn between(slope: &Fit, other: &Fit, noise: &Noise, last: &Sample, next: i32) -> Option<Place> {
+    let (u, half) = meeting(slope, other)?;
+    let turn_q14 = (slope.line.slope_q30.abs_diff(other.line.slope_q30) >> 16).max(1);
+    let shift = (4 * noise.variance(last, slope.line.slope_q14()).isqrt() << 14) / turn_q14;
+    let shift = (shift + 2 * half.min(1 << 20)).clamp(millimetres(60) as u32, millimetres(500) as u32) as i32;
+    (u > last.u - shift && u < next + shift).then_some(Place { u, half, departure: next, seen: true })
+}
+
+/// The middle of a gap, when nothing better is known.
+fn gap(last: i32, next: i32) -> Place {
+    Place { u: (last + next) / 2, half: (next - last).unsigned_abs(), departure: next, seen: true }
+}
+
+/// Level ground beside a slope.
+struct Ground {
+    fit: Fit,
+    /// Distance of the innermost sample on it.
+    first: i32,
+}
+
+/// Whether a sample lies on ground through `line`: within 3 sigma, and half a degree of tilt is still level.
+fn on_level(line: &Line, sample: &Sample, noise: &Noise) -> bool {
+    let e = line.residual(sample).unsigned_abs();
+    let tilt = (sample.u.abs_diff(line.u) >> 7).min(1 << 10);
+    e < 1 << 14 && e * e < 9 * noise.variance(sample, 0) + tilt * tilt
 }
 
 /// The ground beside a slope: level through the samples that agree best, then fitted where there are enough.
-fn level(samples: &mut [Sample], noise: &Noise) -> Option<Fit> {
-    // Ground that falls or rises by 2 degrees is still taken for level over the few samples that there are.
+fn level(samples: &mut [Sample], noise: &Noise) -> Option<Ground> {
     let shift = weigh(samples, noise, 0);
-    let mut best: Option<(u32, Line)> = None;
+    let mut best: Option<(usize, Line)> = None;
     for candidate in samples.iter() {
         let line = Line { u: candidate.u, z: candidate.z, slope_q30: 0 };
-        let mut near = 0;
-        for sample in samples.iter() {
-            let e = line.residual(sample).unsigned_abs();
-            if e < 1 << 15
-                && e * e < 9 * noise.variance(sample, 0) + (sample.u.abs_diff(line.u) >> 5).pow(2).min(1 << 20)
-            {
-                near += 1;
-            }
-        }
-        if best.is_none_or(|(count, lowest)| near > count || near == count && line.z < lowest.z) {
+        let near = samples.iter().filter(|s| on_level(&line, s, noise)).count();
+        if best.is_none_or(|(most, lowest)| near > most || near == most && line.z < lowest.z) {
             best = Some((near, line));
         }
     }
-    let (near, mut line) = best?;
-    line.u = samples.get(samples.len() / 2).map_or(line.u, |s| s.u);
-    let mut found = None;
+    let (near, line) = best?;
+    let first = samples.iter().find(|s| on_level(&line, s, noise))?.u;
     if near >= 4 {
-        for _ in 0..3 {
-            let fitted = fit(samples, &line, shift, Gate::TUKEY)?;
-            line = fitted.line;
-            found = Some(fitted);
+        let mut fitted = fit(samples, &line, shift, Gate::TUKEY)?;
+        for _ in 0..2 {
+            fitted = fit(samples, &fitted.line, shift, Gate::TUKEY)?;
         }
-        if line.slope_q30.abs() < 1 << 26 {
-            return found;
+        if fitted.line.slope_q30.abs() < 1 << 26 {
+            return Some(Ground { fit: fitted, first });
         }
     }
     // Too few to tell a slope: level, with 1.5 degrees of doubt about it.
-    let (_, line) = best?;
     let variance = samples.first().map_or(0, |s| noise.variance(s, 0));
-    Some(Fit {
+    let fit = Fit {
         line,
-        count: near,
+        count: near as u32,
         slope_variance: Magnitude::new(7, -13),
-        height_variance: Magnitude::new(u64::from(variance), 0).over(Magnitude::new(u64::from(near.max(1)), 0)),
-        chi2_q8: near << 8,
-        effective_q8: near << 8,
-    })
+        height_variance: Magnitude::new(u64::from(variance), 0).over(Magnitude::new(near.max(1) as u64, 0)),
+        chi2_q8: 0,
+        effective_q8: 0,
+    };
+    Some(Ground { fit, first })
 }

@@ -68,7 +68,6 @@ pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Wo
     if road.departure < samples.len() {
         side.edge = Some(Hinge { y_um: departure_um, ci95_um: 0, departure_um });
     }
-    search::anchors(samples, &mut work.anchors);
     let limits = &survey.limits;
     let (least_q14, most_q14) = (trig::slope(limits.min_slope) >> 16, trig::slope(limits.max_slope) >> 16);
     let wanted = |rising: bool| Wanted {
@@ -80,11 +79,11 @@ pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Wo
     let from_u = samples.get(road.departure).map_or(i32::MAX, |s| s.u - sample::millimetres(500));
     let from = samples.partition_point(|s| s.u < from_u);
     let mut noise = road.noise;
-    let Some(adjacent) = slope::measure(samples, &work.anchors, from, &wanted(false), &mut noise) else {
+    let Some(adjacent) = slope::measure(samples, &mut work.anchors, from, &wanted(false), &mut noise) else {
         return side;
     };
     let from = adjacent.run.last + 1;
-    let opposing = slope::measure(samples, &work.anchors, from, &wanted(true), &mut noise);
+    let opposing = slope::measure(samples, &mut work.anchors, from, &wanted(true), &mut noise);
     report(&mut side, samples, outward, &road, adjacent, opposing, &noise);
     side
 }
@@ -95,8 +94,11 @@ const SLACK_Q14: i32 = 170;
 /// The configured noise in grains; rounding to the scanner's unit adds unit^2 / 12.
 fn prior_noise(survey: &Survey, unit_um: i32) -> Noise {
     let grains = |um: i32| (um.clamp(0, 60_000) >> GRAIN_BITS) as u32;
-    let (range, unit, rough) =
-        (grains(survey.measuring.range_sigma_um), grains(unit_um), grains(survey.measuring.roughness_um));
+    let (range, unit, rough) = (
+        grains(survey.measuring.range_sigma_um),
+        grains(unit_um),
+        grains(survey.measuring.roughness_um),
+    );
     Noise {
         range: (range * range + unit * unit / 12).isqrt().clamp(1, Noise::MAX_RANGE),
         rough2: (rough * rough).clamp(Noise::MIN_ROUGH2, Noise::MAX_ROUGH2),

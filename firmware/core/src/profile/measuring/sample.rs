@@ -79,13 +79,7 @@ impl Noise {
 
 /// Takes one side's returns out of a scan, in outward order, beginning `inner` grains on the other side.
 /// `echoes` comes in that order already.
-pub fn take<'a>(
-    echoes: impl Iterator<Item = &'a Echo>,
-    outward: Outward,
-    down_beam: i16,
-    inner: i32,
-    samples: &mut Samples,
-) {
+pub fn take<'a>(echoes: impl Iterator<Item = &'a Echo>, outward: Outward, down_beam: i16, inner: i32, samples: &mut Samples) {
     samples.clear();
     let sign = if outward == Outward::Left { 1 } else { -1 };
     for echo in echoes {

@@ -46,21 +46,24 @@ pub struct Run {
     pub score: i32,
 }
 
-/// Fills `anchors` with the lowest of each group of samples.
-pub fn anchors(samples: &[Sample], anchors: &mut Anchors) {
+/// Fills `anchors` with the lowest of each group of samples above a line that slopes as what is wanted: on a slope seen
+/// from far, neighbours differ more in height than vegetation raises them.
+fn choose(samples: &[Sample], wanted: &Wanted, anchors: &mut Anchors) {
     anchors.clear();
+    let typical_q14 = (wanted.least_q14 + wanted.most_q14) / 2;
     for group in samples.chunks(GROUP) {
-        if let Some(lowest) = group.iter().min_by_key(|s| s.z) {
+        // |u| < 2^22 grains and the slope is below 2^15: 64 bits are needed.
+        let height = |s: &&Sample| s.z - ((i64::from(s.u) * i64::from(typical_q14)) >> 14) as i32;
+        if let Some(lowest) = group.iter().min_by_key(height) {
             let _ = anchors.push(*lowest);
         }
     }
 }
 
 /// The best line among the candidates and its run over `samples`, of which the first is where the search starts.
-pub fn find(samples: &[Sample], anchors: &[Sample], wanted: &Wanted, noise: &Noise) -> Option<(Line, Run)> {
-    let start = samples.first()?.u;
-    let begin = anchors.partition_point(|a| a.u < start);
-    let anchors = anchors.get(begin..)?;
+pub fn find(samples: &[Sample], anchors: &mut Anchors, wanted: &Wanted, noise: &Noise) -> Option<(Line, Run)> {
+    choose(samples, wanted, anchors);
+    let start = anchors.first()?.u;
     let mut finalists = [(Line::default(), 0i32); FINALISTS];
     for (i, a) in anchors.iter().enumerate() {
         if a.u > start + START_REACH {

@@ -7,7 +7,7 @@ use super::hinge::Place;
 use super::line::{Fit, Gate, Line, fit, weigh};
 use super::magnitude::Magnitude;
 use super::sample::{GRAIN_BITS, Noise, Outward, Sample, millimetres};
-use super::search::{self, Run, Wanted};
+use super::search::{self, Anchors, Run, Wanted};
 use crate::trig;
 
 /// A run must earn what this many samples on the line would: fewer can be chance.
@@ -29,13 +29,7 @@ pub struct Found {
 }
 
 /// Finds and measures the slope that is `wanted`, from sample `from` on; keeps what its residuals say about the noise.
-pub fn measure(
-    samples: &mut [Sample],
-    anchors: &[Sample],
-    from: usize,
-    wanted: &Wanted,
-    noise: &mut Noise,
-) -> Option<Found> {
+pub fn measure(samples: &mut [Sample], anchors: &mut Anchors, from: usize, wanted: &Wanted, noise: &mut Noise) -> Option<Found> {
     let beyond = samples.get_mut(from..)?;
     let (mut line, mut run) = search::find(beyond, anchors, wanted, noise)?;
     for _ in 0..2 {
@@ -67,7 +61,6 @@ impl Found {
         if let Some(fit) = refit(part, &self.fit.line, noise) {
             if fit.count >= LEAST_SAMPLES.min(self.fit.count) {
                 self.fit = fit;
-                self.run = Run { first, last: past - 1, ..self.run };
             }
         }
     }

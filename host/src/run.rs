@@ -1,0 +1,215 @@
+//! A capture through the firmware's core, in process: what a board on these pins would have streamed, as a log.
+//!
+//! Bytes enter the core in the order in which they arrived on the wires, not in the order of the capture's chunks: a line delivers one byte
+//! after the other at its baud rate, whatever the chunks. So the log is the same however the capture is cut, and its receive
+//! times are device times: one capture and one configuration make one log, byte for byte, on every machine.
+
+use std::collections::VecDeque;
+
+use crossfall_core::instrument::{Event, Identity, Instrument, Line};
+use crossfall_core::protocol::frame::{MAX_MESSAGE_FRAME, Sequencer};
+use crossfall_core::protocol::message::{Message, Status};
+use crossfall_core::protocol::ranges::MAX_CODE;
+use crossfall_core::protocol::{Config, DeviceTime};
+
+use crate::capture::{self, Channel, Chunk};
+use crate::{container, log, output};
+
+/// Bytes that may wait for their turn: capture chunks that claim to overlap by more are taken as they come.
+const MAX_WAITING: usize = 1 << 20;
+
+/// Why a run failed.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The capture cannot be read.
+    #[error(transparent)]
+    Capture(#[from] container::Error),
+    /// The log cannot be written.
+    #[error(transparent)]
+    Log(#[from] output::Error),
+}
+
+/// What a run did.
+#[derive(Debug, Default)]
+pub struct Summary {
+    /// Frames logged.
+    pub frames: u64,
+    /// Bytes of these frames.
+    pub bytes: u64,
+    /// Profiles among them.
+    pub profiles: u64,
+    /// The last status: every counter.
+    pub status: Status,
+    /// Device time from the first chunk to the last byte, in seconds.
+    pub seconds: f64,
+    /// Damage of the capture, in words, and how many more there were than are kept here.
+    pub damage: Vec<String>,
+    /// Whether it was asked to stop early.
+    pub interrupted: bool,
+}
+
+/// Who the core says it is when it runs in process.
+#[must_use]
+pub fn identity() -> Identity {
+    Identity { firmware: concat!("crossfall ", env!("CARGO_PKG_VERSION")), board: "in process", ..Identity::default() }
+}
+
+/// Runs the whole capture. `progress` is told the device time reached, in nanoseconds.
+///
+/// # Errors
+/// When the capture cannot be read at all or the log cannot be written. Damage within the capture is listed in the summary.
+pub fn run(
+    capture: &mut capture::Reader,
+    config: &Config,
+    log: &mut log::Writer,
+    mut progress: impl FnMut(u64),
+) -> Result<Summary, Error> {
+    let mut link = Link { log, sequencer: Sequencer::new(), summary: Summary::default(), now_ns: 0, failed: None };
+    let mut instrument = Instrument::new(*config, identity());
+    let mut wires = Wires::new(config);
+    let first_ns = capture.span_ns().map_or(0, |(first, _)| first);
+    link.now_ns = first_ns;
+    instrument.start(DeviceTime(first_ns / 1_000), &mut |event| link.send(&event));
+
+    for chunk in capture.by_ref() {
+        match chunk {
+            Ok(chunk) => {
+                wires.deliver(Some(chunk.device_time_ns), &mut instrument, &mut link);
+                progress(chunk.device_time_ns);
+                wires.push(chunk);
+            }
+            Err(error) => link.summary.damage.push(error.to_string()),
+        }
+        if let Some(error) = link.failed.take() {
+            return Err(error.into());
+        }
+        if crate::interrupt::requested() {
+            link.summary.interrupted = true;
+            break;
+        }
+    }
+    wires.deliver(None, &mut instrument, &mut link);
+    let end = DeviceTime(link.now_ns / 1_000);
+    instrument.finish(end, &mut |event| link.send(&event));
+    if let Some(error) = link.failed.take() {
+        return Err(error.into());
+    }
+    let mut summary = link.summary;
+    summary.seconds = link.now_ns.saturating_sub(first_ns) as f64 * 1e-9;
+    Ok(summary)
+}
+
+/// The end of the link: frames go to the log under the device time at which they were made.
+struct Link<'a> {
+    log: &'a mut log::Writer,
+    sequencer: Sequencer,
+    summary: Summary,
+    now_ns: u64,
+    failed: Option<output::Error>,
+}
+
+impl Link<'_> {
+    fn send(&mut self, event: &Event<'_>) {
+        let (mut code, mut frame) = ([0; MAX_CODE], [0; MAX_MESSAGE_FRAME]);
+        let message = event.message(&mut code);
+        match message {
+            Message::Profile(_) => self.summary.profiles += 1,
+            Message::Status(status) => self.summary.status = status,
+            _ => {}
+        }
+        // Room for the longest frame: encoding cannot fail.
+        let Ok(length) = self.sequencer.message(&message, &mut frame) else { return };
+        self.summary.frames += 1;
+        self.summary.bytes += length as u64;
+        if let Err(error) = self.log.frame(self.now_ns, &frame[..length]) {
+            self.failed.get_or_insert(error);
+        }
+    }
+}
+
+/// The board's pins: what waits on each line, and when its next byte arrives.
+struct Wires {
+    pulses: VecDeque<u64>,
+    lidar: Wire,
+    ins: Wire,
+}
+
+struct Wire {
+    line: Line,
+    chunks: VecDeque<Chunk>,
+    taken: usize,
+    waiting: usize,
+}
+
+impl Wires {
+    fn new(config: &Config) -> Self {
+        Self { pulses: VecDeque::new(), lidar: Wire::new(config.scanner.baud), ins: Wire::new(config.ins.baud) }
+    }
+
+    fn push(&mut self, chunk: Chunk) {
+        match chunk.channel {
+            Channel::Pps => self.pulses.push_back(chunk.device_time_ns),
+            Channel::Lidar => self.lidar.push(chunk),
+            Channel::Ins => self.ins.push(chunk),
+            // The second unit is compared by `compare`; the board has no third line.
+            Channel::Ins2 => {}
+        }
+    }
+
+    /// Lets everything happen that happens before `until_ns`, in the order of time; of simultaneous things the pulse comes first.
+    fn deliver(&mut self, until_ns: Option<u64>, instrument: &mut Instrument, link: &mut Link<'_>) {
+        loop {
+            let pulse = self.pulses.front().copied().unwrap_or(u64::MAX);
+            let lidar = self.lidar.next_arrival();
+            let ins = self.ins.next_arrival();
+            let next = pulse.min(lidar).min(ins);
+            let crowded = self.lidar.waiting + self.ins.waiting > MAX_WAITING;
+            if next == u64::MAX || (!crowded && until_ns.is_some_and(|until| next >= until)) {
+                return;
+            }
+            if pulse == next {
+                self.pulses.pop_front();
+                link.now_ns = link.now_ns.max(pulse);
+                instrument.pps(DeviceTime(pulse / 1_000), &mut |event| link.send(&event));
+            } else if lidar == next {
+                let (byte, at_ns) = self.lidar.take();
+                link.now_ns = link.now_ns.max(at_ns);
+                instrument.lidar_byte(byte, DeviceTime(at_ns / 1_000), &mut |event| link.send(&event));
+            } else {
+                let (byte, at_ns) = self.ins.take();
+                link.now_ns = link.now_ns.max(at_ns);
+                instrument.ins_byte(byte, DeviceTime(at_ns / 1_000), &mut |event| link.send(&event));
+            }
+        }
+    }
+}
+
+impl Wire {
+    fn new(baud: u32) -> Self {
+        Self { line: Line::new(baud), chunks: VecDeque::new(), taken: 0, waiting: 0 }
+    }
+
+    fn push(&mut self, chunk: Chunk) {
+        if !chunk.data.is_empty() {
+            self.waiting += chunk.data.len();
+            self.chunks.push_back(chunk);
+        }
+    }
+
+    fn next_arrival(&self) -> u64 {
+        self.chunks.front().map_or(u64::MAX, |chunk| self.line.next_arrival(chunk.device_time_ns))
+    }
+
+    /// The next byte and its arrival; only called when there is one.
+    fn take(&mut self) -> (u8, u64) {
+        let Some(chunk) = self.chunks.front() else { return (0, u64::MAX) };
+        let (byte, at_ns) = (chunk.data[self.taken], self.line.take(chunk.device_time_ns));
+        self.taken += 1;
+        self.waiting -= 1;
+        if self.taken == chunk.data.len() {
+            self.chunks.pop_front();
+            self.taken = 0;
+        }
+        (byte, at_ns)
+    }
+}

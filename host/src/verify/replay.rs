@@ -1,0 +1,174 @@
+//! The core once more over what the log holds.
+
+use std::collections::VecDeque;
+
+use crossfall_core::attitude::HISTORY;
+use crossfall_core::clock::WINDOW;
+use crossfall_core::instrument::{ClockReplay, Event, Survey, WAITING};
+use crossfall_core::protocol::DeviceTime;
+use crossfall_core::protocol::message::{Message, Profile, ScanMode, Skip};
+use crossfall_core::scan::{MAX_BEAMS, RawScan};
+
+/// How much must have come since a gap before answers count again.
+#[derive(Clone, Copy, Debug, Default)]
+struct Unsure {
+    poses: usize,
+    scans: usize,
+    pulses: usize,
+}
+
+/// The survey layer and the clock of a second instrument.
+pub struct Replay {
+    survey: Survey,
+    clock: ClockReplay,
+    expected: VecDeque<Profile>,
+    skip: Option<Skip>,
+    unsure: Unsure,
+    scan: RawScan,
+    /// Profiles that came out the same.
+    pub reproduced: u64,
+    /// Profiles that could not be recomputed for want of what was lost.
+    pub unverifiable: u64,
+}
+
+impl Default for Replay {
+    fn default() -> Self {
+        Self {
+            survey: Survey::new(),
+            clock: ClockReplay::default(),
+            expected: VecDeque::new(),
+            skip: None,
+            unsure: Unsure::default(),
+            scan: RawScan {
+                index: 0,
+                stx: DeviceTime(0),
+                layout: 0,
+                mode: ScanMode { span_deg: 180, step_cdeg: 50, measuring: 6 },
+                status: 0,
+                counters: None,
+                values: [0; MAX_BEAMS],
+            },
+            reproduced: 0,
+            unverifiable: 0,
+        }
+    }
+}
+
+impl Replay {
+    /// Something was lost here.
+    pub fn gap(&mut self) {
+        // Two histories of poses, as a lost clock frame may have changed which of them count.
+        self.unsure = Unsure { poses: 2 * HISTORY, scans: 2 * WAITING, pulses: WINDOW + 4 };
+    }
+
+    /// The board has booted.
+    pub fn restart(&mut self) {
+        let (reproduced, unverifiable) = (self.reproduced, self.unverifiable);
+        *self = Self { reproduced, unverifiable, ..Self::default() };
+    }
+
+    /// The next message of the log.
+    pub fn take(&mut self, message: &Message<'_>, problems: &mut Vec<String>) {
+        match message {
+            Message::Profile(profile) => self.compare(profile, problems),
+            Message::Skip(skip) => self.skip = Some(*skip),
+            Message::Pulse(pulse) => {
+                self.unsure.pulses = self.unsure.pulses.saturating_sub(1);
+                let verdict = self.clock.pulse(pulse);
+                if verdict != pulse.verdict && self.unsure.pulses == 0 {
+                    problems.push(format!("pulse judged {:?}, recomputed {verdict:?}", pulse.verdict));
+                }
+            }
+            Message::Clock(clock) => {
+                if self.unsure.pulses == 0 && self.clock.state() != Some(*clock) {
+                    problems.push("the clock's mapping does not recompute".to_owned());
+                }
+            }
+            Message::Pose(pose) => {
+                self.unsure.poses = self.unsure.poses.saturating_sub(1);
+                let mapped = self.clock.pose(pose);
+                let same = if pose.timed_by_pulse { mapped == Some(pose.time) } else { mapped.is_none() };
+                if !same && self.unsure.pulses == 0 {
+                    let ours = mapped.map_or("none".to_owned(), |time| format!("{} us", time.0));
+                    problems.push(format!("pose timed {} us, recomputed {ours}", pose.time.0));
+                }
+                if self.skip.take() != Some(Skip::Pose(pose.time)) {
+                    self.survey(message);
+                }
+            }
+            Message::Scan(scan) => {
+                self.unsure.scans = self.unsure.scans.saturating_sub(1);
+                if self.skip.take() == Some(Skip::Scan(scan.index)) {
+                    return;
+                }
+                if !self.survey(message) {
+                    problems.push(format!("the ranges of scan {} do not decode", scan.index));
+                    self.gap();
+                }
+            }
+            _ => {
+                self.survey(message);
+            }
+        }
+    }
+
+    /// The log has ended: profiles that should have followed.
+    pub fn finish(&mut self) -> Option<String> {
+        // The last profiles may have been under way when the log was cut; that cut shows as damage of the file or as a missing end of
+        // the session, neither of which is a fault of the profiles there are.
+        let left = self.expected.len();
+        let stopped = !self.survey.is_running();
+        (left > 0 && stopped && !self.is_unsure()).then(|| format!("{left} profiles are missing at the end"))
+    }
+
+    fn survey(&mut self, message: &Message<'_>) -> bool {
+        let expected = &mut self.expected;
+        match Event::of(message, &mut self.scan) {
+            Ok(event) => {
+                self.survey.take(&event, &mut |profile| expected.push_back(profile));
+                true
+            }
+            Err(_) => false,
+        }
+    }
+
+    fn is_unsure(&self) -> bool {
+        self.unsure.poses > 0 || self.unsure.scans > 0
+    }
+
+    fn compare(&mut self, profile: &Profile, problems: &mut Vec<String>) {
+        let unsure = self.is_unsure();
+        let mut missing = 0;
+        while self.expected.front().is_some_and(|ours| ours.scan < profile.scan) {
+            self.expected.pop_front();
+            missing += 1;
+        }
+        if missing > 0 && !unsure {
+            problems.push(format!("{missing} profiles are missing before that of scan {}", profile.scan));
+        }
+        let ours = self.expected.pop_front_if(|ours| ours.scan == profile.scan);
+        match ours {
+            Some(ours) if ours == *profile => self.reproduced += 1,
+            _ if unsure => self.unverifiable += 1,
+            Some(ours) => problems.push(difference(profile, &ours)),
+            None => problems.push(format!("a profile of scan {} that nothing in the log gives", profile.scan)),
+        }
+    }
+}
+
+fn difference(theirs: &Profile, ours: &Profile) -> String {
+    let what = if theirs.time != ours.time {
+        "its time"
+    } else if theirs.roll != ours.roll {
+        "its roll"
+    } else if theirs.method != ours.method {
+        "its method"
+    } else if theirs.left != ours.left {
+        "its left side"
+    } else if theirs.right != ours.right {
+        "its right side"
+    } else {
+        "its flags"
+    };
+    format!("the profile of scan {} does not recompute: {what} differs", theirs.scan)
+}
