@@ -3,6 +3,7 @@
 //! Source: SICK, *Telegrams for operating/configuring the LMS 2xx*, 8007954/Q501 (the telegram listing, TL), checked
 //! against recorded streams. What is an inference from recordings says so where it stands.
 
+pub mod bring_up;
 pub mod command;
 mod decoder;
 pub mod range;

@@ -3,6 +3,7 @@
 //! Source: NovAtel, *OEM7 Commands and Logs Reference Manual*, messages and log pages, checked against recorded streams.
 //! Doubles become the project's integers by exact integer arithmetic, rounded once, to nearest; see [`Number`].
 
+pub mod bring_up;
 mod decoder;
 mod frame;
 mod gps_time;
