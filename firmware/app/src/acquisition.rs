@@ -10,6 +10,7 @@
 use core::cell::RefCell;
 
 use crossfall_core::instrument::{Decode, Event};
+use crossfall_core::sensors::{lms2xx, novatel};
 use crossfall_protocol::message::{Command, Level, LogLine, Message, Outcome, Profile, Reply, Status};
 use crossfall_protocol::{Config, DeviceTime};
 
@@ -55,18 +56,24 @@ impl<'q> Acquisition<'q> {
         decode.start(now, &mut |event| outlets.put(&event));
     }
 
-    /// One byte from the scanner; `lost` is what its line has lost so far.
-    pub fn lidar_byte(&mut self, byte: u8, at: DeviceTime, lost: u32) {
+    /// One byte from the scanner; `lost` is what its line has lost so far. What the scanner says goes to `heard`.
+    pub fn lidar_byte(&mut self, byte: u8, at: DeviceTime, lost: u32, heard: &mut impl FnMut(&lms2xx::Event<'_>)) {
         self.lost.lidar = lost;
         let Self { decode, outlets, .. } = self;
-        decode.lidar_byte(byte, at, &mut |event| outlets.put(&event));
+        decode.hear_lidar(byte, at, heard, &mut |event| outlets.put(&event));
+    }
+
+    /// Gives up what the scanner was saying.
+    pub fn cut_lidar(&mut self) {
+        let Self { decode, outlets, .. } = self;
+        decode.cut_lidar(&mut |event| outlets.put(&event));
     }
 
     /// One byte from the inertial unit, likewise.
-    pub fn ins_byte(&mut self, byte: u8, at: DeviceTime, lost: u32) {
+    pub fn ins_byte(&mut self, byte: u8, at: DeviceTime, lost: u32, heard: &mut impl FnMut(&novatel::Event)) {
         self.lost.ins = lost;
         let Self { decode, outlets, .. } = self;
-        decode.ins_byte(byte, at, &mut |event| outlets.put(&event));
+        decode.hear_ins(byte, at, heard, &mut |event| outlets.put(&event));
     }
 
     /// One edge of the pulse per second; `lost` counts edges that were overrun.

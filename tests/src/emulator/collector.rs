@@ -33,7 +33,8 @@ struct State {
 
 impl Collector {
     pub(super) fn start(mut stream: TcpStream) -> Self {
-        let shared = Arc::new(Shared { state: Mutex::default(), arrived: Condvar::new(), paused: AtomicBool::new(false) });
+        let shared =
+            Arc::new(Shared { state: Mutex::default(), arrived: Condvar::new(), paused: AtomicBool::new(false) });
         let reader = Arc::clone(&shared);
         std::thread::spawn(move || {
             let mut decoder = HostDecoder::new();

@@ -25,6 +25,7 @@ mod uart;
 mod watchdog;
 
 use core::cell::RefCell;
+use core::fmt::Write as _;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::scb::SystemHandler;
@@ -54,6 +55,9 @@ use uart::{Line, Port};
 
 /// The link's rate: 22 kB/s of a survey in full flow fill a fifth of it, and 42 MHz divide into it without rest.
 const LINK_BAUD: u32 = 1_000_000;
+
+/// Growth of the used stack that is worth telling, in bytes.
+const STACK_STEP: usize = 256;
 
 /// What identifies this firmware and this board in the hello.
 const FIRMWARE: &str = concat!("crossfall ", env!("CARGO_PKG_VERSION"));
@@ -126,8 +130,7 @@ async fn acquisition(parts: Parts) {
     static QUEUED: StaticCell<Queue> = StaticCell::new();
     static SHARED: StaticCell<Shared<'static>> = StaticCell::new();
     let queue = &*QUEUED.init(Queue::new());
-    let shared =
-        &*SHARED.init(RefCell::new(Acquisition::new(Decode::new(config, identity), Outbox::new(queue), work)));
+    let shared = &*SHARED.init(RefCell::new(Acquisition::new(Decode::new(config, identity), Outbox::new(queue), work)));
 
     let open = |line: interrupt::Interrupt| {
         line.set_priority(Priority::P1);
@@ -157,6 +160,7 @@ async fn acquisition(parts: Parts) {
     spawner.spawn(link_tasks(shared, queue, commands, frames).expect("spawned once"));
     spawner.spawn(light_tasks(shared, lights).expect("spawned once"));
     spawner.spawn(feed(watchdog).expect("spawned once"));
+    spawner.spawn(watch_stack(shared).expect("spawned once"));
     defmt::info!("{} on {}, boot {}, {}", FIRMWARE, BOARD, restart.boot, clocks.source);
 }
 
@@ -224,6 +228,23 @@ async fn heartbeat() {
     loop {
         ALIVE.store(ALIVE.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
         Timer::after_millis(100).await;
+    }
+}
+
+/// Tells how much stack has ever been used, whenever that has become noticeably more.
+#[embassy_executor::task]
+async fn watch_stack(shared: &'static Shared<'static>) {
+    let mut told = 0;
+    loop {
+        let used = stack::high_water();
+        if used >= told + STACK_STEP {
+            told = used;
+            let mut line: heapless::String<48> = heapless::String::new();
+            if write!(line, "stack: {used} of {} bytes used at most", stack::size()).is_ok() {
+                shared.borrow_mut().log(now(), Level::Info, line.as_bytes());
+            }
+        }
+        Timer::after_secs(10).await;
     }
 }
 
