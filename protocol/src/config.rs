@@ -3,10 +3,14 @@
 //! The board echoes its configuration into the stream, so that a log always holds the one that its profiles were
 //! made with. On the host the same numbers are written in degrees, millimetres and milliseconds (TOML).
 
+mod check;
+
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use crate::units::Angle;
+
+pub use check::{ConfigError, INS_BAUDS, MAX_LENGTH_UM, SCANNER_BAUDS};
 
 /// The whole configuration of an instrument.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]

@@ -22,7 +22,7 @@ const TAG: usize = 1;
 const HEAD: usize = U16 + TAG;
 
 /// Index, arrival, packed format (at most 2^41), status, counters, code with its length.
-const SCAN: usize = HEAD + U32 + U64 + 6 * U8 + U8 + (TAG + 2) + U16 - 1 + MAX_CODE;
+const SCAN: usize = HEAD + U32 + U64 + 6 * U8 + U8 + (TAG + 2) + 2 + MAX_CODE;
 
 /// Schema, three texts with their lengths, boot.
 const HELLO: usize = HEAD + U64 + 2 * (1 + MAX_NAME) + U32 + (2 + MAX_TEXT);

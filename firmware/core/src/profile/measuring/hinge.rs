@@ -1,6 +1,6 @@
 //! Where one line gives way to the next: as the intersection of the two, and as the point of departure.
 
-use crossfall_protocol::message::Hinge;
+use crossfall_protocol::message::{Hinge, flags};
 
 use super::line::{Fit, Gate, Line, fit, weigh};
 use super::magnitude::Magnitude;
@@ -56,6 +56,27 @@ pub fn edge(samples: &[Sample], road: &Fit, departure: usize, adjacent: &Found) 
     }
 }
 
+/// [`flags::HINGE_ROUNDED`] when the samples within 0.4 m of a convex hinge lie below both lines by more than noise does:
+/// their weighted mean residual is beyond 4 sigma.
+pub fn rounded(samples: &[Sample], place: &Place, inner: &Line, outer: &Line, noise: &Noise) -> u16 {
+    let first = samples.partition_point(|s| s.u < place.u - ROUNDING_REACH);
+    let past = samples.partition_point(|s| s.u < place.u + ROUNDING_REACH);
+    let (mut sum, mut information) = (0i64, 0i64);
+    for sample in samples.get(first..past).unwrap_or_default() {
+        let line = if sample.u < place.u { inner } else { outer };
+        let e = line.residual(sample).clamp(-(1 << 12), 1 << 12);
+        // At most 2^30 / 2^10 each: a few hundred samples stay below 2^42, their square below 2^63.
+        let weight = (1 << 30) / i64::from(noise.variance(sample, line.slope_q14()).max(1 << 10));
+        sum += (weight * i64::from(e)) >> 15;
+        information += weight;
+    }
+    // sum / 2^15 over the root of information / 2^30 is standard normal for a sharp hinge.
+    if sum < 0 && sum.saturating_mul(sum) > 16 * information { flags::HINGE_ROUNDED } else { 0 }
+}
+
+/// How far from a hinge its rounding is looked for.
+const ROUNDING_REACH: i32 = millimetres(400);
+
 /// The outer end of a slope after which no other slope was found.
 pub fn end(samples: &mut [Sample], slope: &Found, noise: &Noise) -> Place {
     let Some(last) = samples.get(slope.run.last).copied() else { return Place::default() };
@@ -65,13 +86,17 @@ pub fn end(samples: &mut [Sample], slope: &Found, noise: &Noise) -> Place {
         return Place { u: last.u, half: 0, departure: last.u, seen: false };
     };
     let ground = level(beyond.get_mut(..near).unwrap_or_default(), noise);
-    let met = ground.and_then(|ground| between(&slope.fit, &ground.fit, noise, &last, ground.first));
+    // Past the top of a rising slope vegetation on the level ground may pass for slope: up to two samples of it.
+    let back = if slope.fit.line.slope_q30 > 0 { 2 } else { 0 };
+    let inner = samples.get(slope.run.last.saturating_sub(back)).unwrap_or(&last);
+    let met = ground.and_then(|ground| between(&slope.fit, &ground.fit, noise, inner, ground.first));
     met.unwrap_or_else(|| gap(last.u, next)).departing(next)
 }
 
 /// The ends of two slopes that face each other across a ditch: the foot of the first and of the second.
 pub fn across(samples: &mut [Sample], inner: &Found, outer: &Found, noise: &Noise) -> (Place, Place) {
-    let (Some(last), Some(first)) = (samples.get(inner.run.last).copied(), samples.get(outer.run.first).copied()) else {
+    let (Some(last), Some(first)) = (samples.get(inner.run.last).copied(), samples.get(outer.run.first).copied())
+    else {
         return Default::default();
     };
     let floor = samples.get_mut(inner.run.last + 1..outer.run.first).unwrap_or_default();
@@ -116,26 +141,29 @@ struct Ground {
     first: i32,
 }
 
-/// Whether a sample lies on ground through `line`: within 3 sigma, and half a degree of tilt is still level.
-fn on_level(line: &Line, sample: &Sample, noise: &Noise) -> bool {
+/// How well a sample fits ground through `line`: 256 on it, nothing from 3 sigma and a quarter of a degree of tilt on.
+fn on_level(line: &Line, sample: &Sample, noise: &Noise) -> Option<u32> {
     let e = line.residual(sample).unsigned_abs();
-    let tilt = (sample.u.abs_diff(line.u) >> 7).min(1 << 10);
-    e < 1 << 14 && e * e < 9 * noise.variance(sample, 0) + tilt * tilt
+    let tilt = (sample.u.abs_diff(line.u) >> 8).min(1 << 10);
+    // At most 9 x 2^28: fits 32 bits.
+    let limit = 9 * noise.variance(sample, 0) + tilt * tilt;
+    (e < 1 << 14 && e * e < limit).then(|| 256 - e * e / (limit >> 8).max(1))
 }
 
 /// The ground beside a slope: level through the samples that agree best, then fitted where there are enough.
 fn level(samples: &mut [Sample], noise: &Noise) -> Option<Ground> {
     let shift = weigh(samples, noise, 0);
-    let mut best: Option<(usize, Line)> = None;
+    let mut best: Option<(u32, Line)> = None;
     for candidate in samples.iter() {
         let line = Line { u: candidate.u, z: candidate.z, slope_q30: 0 };
-        let near = samples.iter().filter(|s| on_level(&line, s, noise)).count();
-        if best.is_none_or(|(most, lowest)| near > most || near == most && line.z < lowest.z) {
-            best = Some((near, line));
+        let score = samples.iter().filter_map(|s| on_level(&line, s, noise)).sum();
+        if best.is_none_or(|(most, lowest)| score > most || score == most && line.z < lowest.z) {
+            best = Some((score, line));
         }
     }
-    let (near, line) = best?;
-    let first = samples.iter().find(|s| on_level(&line, s, noise))?.u;
+    let (_, line) = best?;
+    let near = samples.iter().filter(|s| on_level(&line, s, noise).is_some()).count();
+    let first = samples.iter().find(|s| on_level(&line, s, noise).is_some())?.u;
     if near >= 4 {
         let mut fitted = fit(samples, &line, shift, Gate::TUKEY)?;
         for _ in 0..2 {

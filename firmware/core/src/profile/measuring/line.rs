@@ -47,15 +47,29 @@ impl Line {
 /// How far residuals count in a fit: Tukey's biweight, wider below than above because vegetation is above.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Gate {
-    /// Square of the gate for residuals above the line, in variances, with 8 fraction bits.
-    pub above_q8: u32,
-    /// The same for residuals below.
-    pub below_q8: u32,
+    above: Width,
+    below: Width,
+}
+
+/// One side of a gate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Width {
+    /// Its square in variances, 8 fraction bits.
+    square_q8: u32,
+    /// 2^24 over that.
+    inverse: u32,
+}
+
+impl Width {
+    const fn sigmas(tenths: u32) -> Self {
+        let square_q8 = (tenths * tenths << 8) / 100;
+        Self { square_q8, inverse: (1 << 24) / square_q8 }
+    }
 }
 
 impl Gate {
     /// 3.5 sigma above, 4.5 below.
-    pub const TUKEY: Self = Self { above_q8: 3136, below_q8: 5184 };
+    pub const TUKEY: Self = Self { above: Width::sigmas(35), below: Width::sigmas(45) };
 }
 
 /// Tukey weights take more of the large residuals than of the small ones: for normal errors and [`Gate::TUKEY`] the
@@ -112,11 +126,11 @@ pub fn fit(samples: &[Sample], line: &Line, shift: u32, gate: Gate) -> Option<Fi
         let base = u32::from(sample.weight);
         // e^2 / variance with 8 fraction bits: (e^2 >> shift) weight / 2^20, both factors scaled.
         let ratio_q8 = ((u64::from((e * e) as u32 >> shift) * u64::from(base)) >> 12).min(1 << 15) as u32;
-        let gate_q8 = if e > 0 { gate.above_q8 } else { gate.below_q8 };
-        if ratio_q8 >= gate_q8 {
+        let width = if e > 0 { gate.above } else { gate.below };
+        if ratio_q8 >= width.square_q8 {
             continue;
         }
-        let keep_q12 = 4096 - (ratio_q8 << 12) / gate_q8;
+        let keep_q12 = 4096 - ((ratio_q8 * width.inverse) >> 12);
         let tukey_q12 = (keep_q12 * keep_q12) >> 12;
         let w = ((base * tukey_q12) >> 12) as i32;
         let u = (sample.u - line.u) >> 3;

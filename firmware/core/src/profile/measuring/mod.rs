@@ -16,7 +16,9 @@ use crossfall_protocol::message::{Hinge, Side, flags};
 
 use crate::scan::Points;
 use crate::trig;
-use sample::{GRAIN_BITS, Noise, Samples};
+use hinge::Place;
+use road::Road;
+use sample::{GRAIN_BITS, Noise, Sample, Samples};
 use search::{Anchors, Wanted};
 use slope::Found;
 
@@ -27,13 +29,14 @@ pub use sample::Outward;
 pub struct Workspace {
     samples: Samples,
     anchors: Anchors,
+    thin: road::Thin,
 }
 
 impl Workspace {
     /// An empty workspace.
     #[must_use]
     pub const fn new() -> Self {
-        Self { samples: Samples::new(), anchors: Anchors::new() }
+        Self { samples: Samples::new(), anchors: Anchors::new(), thin: road::Thin::new() }
     }
 }
 
@@ -58,7 +61,7 @@ pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Wo
     }
     let mut side = Side::default();
     let prior = prior_noise(survey, scan.unit_um);
-    let Some(road) = road::find(&mut work.samples, prior) else {
+    let Some(road) = road::find(&mut work.samples, prior, &mut work.thin) else {
         side.flags = flags::NO_ROAD;
         return side;
     };
@@ -73,6 +76,7 @@ pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Wo
     let wanted = |rising: bool| Wanted {
         least_q14: if rising { least_q14 - SLACK_Q14 } else { -most_q14 - SLACK_Q14 },
         most_q14: if rising { most_q14 + SLACK_Q14 } else { -least_q14 + SLACK_Q14 },
+        shortest: limits.min_length_um >> GRAIN_BITS,
         longest: limits.max_length_um >> GRAIN_BITS,
         obstruction: (limits.obstruction_um >> GRAIN_BITS).clamp(1, (1 << 15) - 1),
     };
@@ -84,7 +88,8 @@ pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Wo
     };
     let from = adjacent.run.last + 1;
     let opposing = slope::measure(samples, &mut work.anchors, from, &wanted(true), &mut noise);
-    report(&mut side, samples, outward, &road, adjacent, opposing, &noise);
+    let section = Section { outward, road, adjacent, opposing, noise };
+    section.report(&mut side, samples, &wanted(false), &wanted(true));
     side
 }
 
@@ -94,48 +99,70 @@ const SLACK_Q14: i32 = 170;
 /// The configured noise in grains; rounding to the scanner's unit adds unit^2 / 12.
 fn prior_noise(survey: &Survey, unit_um: i32) -> Noise {
     let grains = |um: i32| (um.clamp(0, 60_000) >> GRAIN_BITS) as u32;
-    let (range, unit, rough) = (
-        grains(survey.measuring.range_sigma_um),
-        grains(unit_um),
-        grains(survey.measuring.roughness_um),
-    );
+    let (range, unit, rough) =
+        (grains(survey.measuring.range_sigma_um), grains(unit_um), grains(survey.measuring.roughness_um));
     Noise {
         range: (range * range + unit * unit / 12).isqrt().clamp(1, Noise::MAX_RANGE),
         rough2: (rough * rough).clamp(Noise::MIN_ROUGH2, Noise::MAX_ROUGH2),
     }
 }
 
-/// Settles the slopes between their hinges and fills in what was found.
-fn report(
-    side: &mut Side,
-    samples: &mut [sample::Sample],
-    outward: Outward,
-    road: &road::Road,
-    mut adjacent: Found,
-    mut opposing: Option<Found>,
-    noise: &Noise,
-) {
-    for pass in 0..=SETTLING {
-        let edge = hinge::edge(samples, &road.fit, road.departure, &adjacent);
-        let (foot, facing) = match &opposing {
-            Some(opposing) => {
-                let (foot, start) = hinge::across(samples, &adjacent, opposing, noise);
-                (foot, Some((start, hinge::end(samples, opposing, noise))))
-            }
-            None => (hinge::end(samples, &adjacent, noise), None),
-        };
-        if pass < SETTLING {
-            adjacent.settle(samples, &edge, &foot, noise);
-            if let (Some(opposing), Some((start, top))) = (&mut opposing, &facing) {
-                opposing.settle(samples, start, top, noise);
-            }
-            continue;
-        }
-        side.edge = Some(edge.message(outward));
-        side.adjacent = Some(adjacent.message(outward, &edge, &foot));
-        side.opposing = opposing.zip(facing).map(|(opposing, (start, top))| opposing.message(outward, &start, &top));
-    }
-}
-
 /// How often the slopes are fitted anew between the hinges that they make.
 const SETTLING: usize = 2;
+
+/// One side with its slopes found but not yet bounded.
+struct Section {
+    outward: Outward,
+    road: Road,
+    adjacent: Found,
+    opposing: Option<Found>,
+    noise: Noise,
+}
+
+/// The hinges of a section, from the road outward.
+struct Hinges {
+    edge: Place,
+    foot: Place,
+    /// Foot and top of the opposing slope.
+    facing: Option<(Place, Place)>,
+}
+
+impl Section {
+    fn hinges(&self, samples: &mut [Sample]) -> Hinges {
+        let edge = hinge::edge(samples, &self.road.fit, self.road.departure, &self.adjacent);
+        match &self.opposing {
+            Some(opposing) => {
+                let (foot, start) = hinge::across(samples, &self.adjacent, opposing, &self.noise);
+                Hinges { edge, foot, facing: Some((start, hinge::end(samples, opposing, &self.noise))) }
+            }
+            None => Hinges { edge, foot: hinge::end(samples, &self.adjacent, &self.noise), facing: None },
+        }
+    }
+
+    /// Settles the slopes between their hinges and fills in what was found.
+    fn report(mut self, side: &mut Side, samples: &mut [Sample], falling: &Wanted, rising: &Wanted) {
+        for _ in 0..SETTLING {
+            let Hinges { edge, foot, facing } = self.hinges(samples);
+            self.road.settle(samples, edge.u);
+            self.adjacent.settle(samples, &edge, &foot, &self.noise);
+            if let (Some(opposing), Some((start, top))) = (&mut self.opposing, &facing) {
+                opposing.settle(samples, start, top, &self.noise);
+            }
+        }
+        let Hinges { edge, foot, facing } = self.hinges(samples);
+        side.edge = Some(edge.message(self.outward));
+        if self.adjacent.within(&edge, &foot, falling) {
+            side.adjacent = Some(self.adjacent.message(self.outward, &edge, &foot));
+            side.flags |= self.adjacent.marks(samples, &edge, &foot, &self.noise, falling.obstruction);
+            side.flags |= hinge::rounded(samples, &edge, &self.road.fit.line, &self.adjacent.fit.line, &self.noise);
+        }
+        match (self.opposing, facing) {
+            (Some(opposing), Some((start, top))) if opposing.within(&start, &top, rising) => {
+                side.opposing = Some(opposing.message(self.outward, &start, &top));
+                side.flags |= opposing.marks(samples, &start, &top, &self.noise, rising.obstruction);
+                side.flags |= if top.seen { 0 } else { flags::END_UNSEEN };
+            }
+            _ => side.flags |= if foot.seen { 0 } else { flags::END_UNSEEN },
+        }
+    }
+}

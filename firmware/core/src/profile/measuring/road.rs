@@ -1,15 +1,19 @@
 //! The road: a line under the sensor, followed outward to where the surface leaves it.
 
+use heapless::Vec;
+
 use super::line::{Fit, Gate, Line, fit, weigh};
 use super::sample::{Noise, Sample, millimetres};
+use crate::scan::MAX_BEAMS;
 
 /// How far on the other side of the sensor the road line still takes its points: short of a crown between lanes.
 pub const INNER: i32 = millimetres(1_000);
 
-/// The first piece of road reaches this far out ...
+/// The first piece of road reaches this far out; each further one twice as far as the one before, with its line.
 const FIRST_REACH: i32 = millimetres(1_200);
-/// ... and each further one by this much, always with the line of the piece before.
-const STRIDE: i32 = millimetres(1_200);
+
+/// Until the road's end is known, every fourth sample is enough to follow it.
+const THINNING: usize = 4;
 
 /// A departure is this many samples in a row beyond the threshold.
 const DEPARTURE_SAMPLES: u32 = 4;
@@ -33,47 +37,68 @@ pub struct Road {
     pub noise: Noise,
 }
 
-/// Finds the road line.
-pub fn find(samples: &mut [Sample], noise: Noise) -> Option<Road> {
-    let mut noise = noise;
-    let first = samples.partition_point(|s| s.u < FIRST_REACH);
+/// Finds the road line. `thin` is overwritten.
+pub fn find(samples: &mut [Sample], noise: Noise, thin: &mut Thin) -> Option<Road> {
+    thin.clear();
+    thin.extend(samples.iter().step_by(THINNING).copied());
     let mut line = Line { u: 0, z: median_height(samples), slope_q30: 0 };
-    let near = samples.get_mut(..first)?;
-    if near.len() < MIN_SAMPLES as usize {
-        return None;
-    }
+    let mut reach = FIRST_REACH;
     // Wide first: a cross slope of 5 degrees is 100 mm at the ends of the first piece.
     for range in [millimetres(40), millimetres(15)] {
         let wide = Noise { range: range as u32, ..noise };
-        let shift = weigh(near, &wide, 0);
-        line = fit(near, &line, shift, Gate::TUKEY)?.line;
+        line = step(inside(thin, reach), &line, &wide)?.line;
     }
-    let mut end = first;
-    let mut best: Option<(Fit, u32)> = None;
-    for _ in 0..8 {
-        let part = samples.get_mut(..end)?;
-        let shift = weigh(part, &noise, line.slope_q14());
-        let once = fit(part, &line, shift, Gate::TUKEY)?;
-        let found = fit(part, &once.line, shift, Gate::TUKEY)?;
-        line = found.line;
-        noise = updated(&noise, &found);
-        best = Some((found, end as u32));
-        let limit = departure(samples, &line, &noise, end.saturating_sub(1));
-        let reach = samples.get(end.saturating_sub(1))?.u + STRIDE;
-        let margin = samples.get(limit).map_or(i32::MAX, |s| s.u - MARGIN);
-        let next = samples.partition_point(|s| s.u < reach.min(margin)).max(first);
-        if next <= end {
+    let mut noise = noise;
+    let mut departed = 0;
+    while reach < millimetres(30_000) {
+        let once = step(inside(thin, reach), &line, &noise)?;
+        let twice = step(inside(thin, reach), &once.line, &noise)?;
+        line = twice.line;
+        noise = updated(&noise, &twice);
+        departed = departure(samples, &line, &noise, samples.partition_point(|s| s.u < reach - MARGIN));
+        let end = samples.get(departed).map_or(i32::MAX, |s| s.u);
+        if end < 2 * reach {
             break;
         }
-        end = next;
+        reach *= 2;
     }
-    let (found, end) = best?;
+    let end = samples.get(departed).or(samples.last())?.u - MARGIN;
+    let road = inside(samples, end.max(FIRST_REACH / 2));
+    let size = road.len();
+    let once = step(road, &line, &noise)?;
+    let fit = step(road, &once.line, &noise)?;
     // Where less than half of the samples lie on the line, it is not the road.
-    if found.count < MIN_SAMPLES || 2 * found.count < end {
+    if fit.count < MIN_SAMPLES || 2 * (fit.count as usize) < size {
         return None;
     }
-    let departure = departure(samples, &found.line, &noise, end as usize);
-    Some(Road { fit: found, departure, noise })
+    let noise = updated(&noise, &fit);
+    let from = samples.partition_point(|s| s.u < end - MARGIN);
+    let departure = departure(samples, &fit.line, &noise, from);
+    Some(Road { fit, departure, noise })
+}
+
+impl Road {
+    /// Fits again up to the edge that the adjacent slope makes with the road.
+    pub fn settle(&mut self, samples: &mut [Sample], edge: i32) {
+        let road = inside(samples, edge.max(FIRST_REACH / 2));
+        if let Some(fit) = step(road, &self.fit.line, &self.noise) {
+            self.fit = fit;
+        }
+    }
+}
+
+/// Every fourth sample of a side.
+pub type Thin = Vec<Sample, { MAX_BEAMS / THINNING + 1 }>;
+
+/// The samples closer than `reach`.
+fn inside(samples: &mut [Sample], reach: i32) -> &mut [Sample] {
+    let end = samples.partition_point(|s| s.u < reach);
+    samples.get_mut(..end).unwrap_or_default()
+}
+
+fn step(samples: &mut [Sample], line: &Line, noise: &Noise) -> Option<Fit> {
+    let shift = weigh(samples, noise, line.slope_q14());
+    fit(samples, line, shift, Gate::TUKEY)
 }
 
 /// The point of significant departure, from sample `from` on: the first of [`DEPARTURE_SAMPLES`] in a row further from

@@ -41,7 +41,9 @@ pub type Samples = Vec<Sample, MAX_BEAMS>;
 /// Which way is outward.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outward {
+    /// To the left of the vehicle.
     Left,
+    /// To the right.
     Right,
 }
 
@@ -79,7 +81,13 @@ impl Noise {
 
 /// Takes one side's returns out of a scan, in outward order, beginning `inner` grains on the other side.
 /// `echoes` comes in that order already.
-pub fn take<'a>(echoes: impl Iterator<Item = &'a Echo>, outward: Outward, down_beam: i16, inner: i32, samples: &mut Samples) {
+pub fn take<'a>(
+    echoes: impl Iterator<Item = &'a Echo>,
+    outward: Outward,
+    down_beam: i16,
+    inner: i32,
+    samples: &mut Samples,
+) {
     samples.clear();
     let sign = if outward == Outward::Left { 1 } else { -1 };
     for echo in echoes {

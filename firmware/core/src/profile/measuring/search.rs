@@ -32,7 +32,8 @@ pub struct Wanted {
     /// Range of slopes, 14 fraction bits, inclusive.
     pub least_q14: i32,
     pub most_q14: i32,
-    /// Longest run, in grains outward.
+    /// Shortest and longest run, in grains outward.
+    pub shortest: i32,
     pub longest: i32,
     /// Distance from the line beyond which a sample obstructs it.
     pub obstruction: i32,
@@ -65,11 +66,17 @@ pub fn find(samples: &[Sample], anchors: &mut Anchors, wanted: &Wanted, noise: &
     choose(samples, wanted, anchors);
     let start = anchors.first()?.u;
     let mut finalists = [(Line::default(), 0i32); FINALISTS];
+    // The last anchor of a run so good that starting within it would only find it again.
+    let mut settled = 0;
     for (i, a) in anchors.iter().enumerate() {
         if a.u > start + START_REACH {
             break;
         }
-        for b in anchors.iter().skip(i + 1) {
+        if i < settled {
+            continue;
+        }
+        let along = anchors.get(i..).unwrap_or_default();
+        for b in along.iter().skip(1) {
             let base = b.u - a.u;
             if base < MIN_BASE {
                 continue;
@@ -84,7 +91,12 @@ pub fn find(samples: &[Sample], anchors: &mut Anchors, wanted: &Wanted, noise: &
                 continue;
             }
             let line = Line { u: a.u, z: a.z, slope_q30: slope_q14 << 16 };
-            let score = run(anchors, &line, wanted, noise).score;
+            let found = run(along, &line, wanted, noise, true);
+            let score = found.score;
+            let span = (found.last - found.first) as i32 + 1;
+            if span >= 5 && score > span * SETTLED_SCORE {
+                settled = settled.max(i + found.last);
+            }
             let Some(last) = finalists.last_mut() else { continue };
             if score > last.1 {
                 *last = (line, score);
@@ -102,7 +114,7 @@ pub fn find(samples: &[Sample], anchors: &mut Anchors, wanted: &Wanted, noise: &
     let mut best: Option<(Line, Run)> = None;
     for (line, score) in finalists {
         if score > 0 {
-            let run = run(samples, &line, wanted, noise);
+            let run = run(samples, &line, wanted, noise, false);
             if best.is_none_or(|(_, known)| run.score > known.score) {
                 best = Some((line, run));
             }
@@ -111,8 +123,14 @@ pub fn find(samples: &[Sample], anchors: &mut Anchors, wanted: &Wanted, noise: &
     best
 }
 
+/// A run that earns this much a sample is what there is to find along its line.
+const SETTLED_SCORE: i32 = 230;
+
+/// An anchored run begins with the first sample, and is over when it has lost this much.
+const DROP: i32 = 600;
+
 /// The best contiguous run of samples along a line.
-pub fn run(samples: &[Sample], line: &Line, wanted: &Wanted, noise: &Noise) -> Run {
+pub fn run(samples: &[Sample], line: &Line, wanted: &Wanted, noise: &Noise, anchored: bool) -> Run {
     let slope_q14 = line.slope_q14();
     let (mut best, mut current) = (Run::default(), Run::default());
     let mut astray = 0;
@@ -137,7 +155,11 @@ pub fn run(samples: &[Sample], line: &Line, wanted: &Wanted, noise: &Noise) -> R
                 -173
             }
         };
-        if current.score <= 0 {
+        if anchored {
+            if current.score < best.score - DROP {
+                break;
+            }
+        } else if current.score <= 0 {
             current = Run { first: index, last: index, score: 0 };
         }
         current.score += earned;

@@ -6,7 +6,7 @@ use crossfall_protocol::message::{Slope, flags};
 use super::hinge::Place;
 use super::line::{Fit, Gate, Line, fit, weigh};
 use super::magnitude::Magnitude;
-use super::sample::{GRAIN_BITS, Noise, Outward, Sample, millimetres};
+use super::sample::{GRAIN_BITS, Noise, Outward, Sample};
 use super::search::{self, Anchors, Run, Wanted};
 use crate::trig;
 
@@ -29,7 +29,13 @@ pub struct Found {
 }
 
 /// Finds and measures the slope that is `wanted`, from sample `from` on; keeps what its residuals say about the noise.
-pub fn measure(samples: &mut [Sample], anchors: &mut Anchors, from: usize, wanted: &Wanted, noise: &mut Noise) -> Option<Found> {
+pub fn measure(
+    samples: &mut [Sample],
+    anchors: &mut Anchors,
+    from: usize,
+    wanted: &Wanted,
+    noise: &mut Noise,
+) -> Option<Found> {
     let beyond = samples.get_mut(from..)?;
     let (mut line, mut run) = search::find(beyond, anchors, wanted, noise)?;
     for _ in 0..2 {
@@ -41,7 +47,7 @@ pub fn measure(samples: &mut [Sample], anchors: &mut Anchors, from: usize, wante
         for _ in 0..2 {
             line = fit(part, &line, shift, Gate::TUKEY)?.line;
         }
-        run = search::run(beyond, &line, wanted, noise);
+        run = search::run(beyond, &line, wanted, noise, false);
     }
     let part = beyond.get_mut(run.first..=run.last)?;
     let first_pass = refit(part, &line, noise)?;
@@ -102,27 +108,43 @@ fn interval(fitted: &Fit) -> u32 {
     half.scaled(30)
 }
 
-/// Flags from the samples of a run.
-pub fn marks(part: &[Sample], fitted: &Fit, noise: &Noise, obstruction: i32) -> u16 {
-    let slope_q14 = fitted.line.slope_q14();
-    let (mut above, mut astray) = (0, 0);
+/// Flags from the samples between the ends of a slope.
+fn marks(part: &[Sample], found: &Found, noise: &Noise, obstruction: i32) -> u16 {
+    let line = &found.fit.line;
+    let (mut above, mut astray, mut on, mut dark) = (0u32, 0u32, 0u32, false);
+    let mut previous: Option<&Sample> = None;
     for sample in part {
-        let e = fitted.line.residual(sample);
-        if e.abs() > obstruction {
+        let e = line.residual(sample);
+        if e.unsigned_abs() > obstruction.unsigned_abs() {
             astray += 1;
-        } else if e > 0 && (e * e) as u32 / 12 > noise.variance(sample, slope_q14) {
+        } else if (e * e) as u32 / 12 < noise.variance(sample, line.slope_q14()) {
+            on += 1;
+        } else if e > 0 {
             above += 1;
         }
+        dark |= previous.is_some_and(|p| sample.beam - p.beam > SHADOW_BEAMS);
+        previous = Some(sample);
     }
+    let count = part.len() as u32;
     let mut marks = 0;
-    if 8 * above > part.len() {
+    if 8 * above > count {
         marks |= flags::VEGETATION;
     }
-    if astray >= 2 {
+    if astray >= 3 || dark {
         marks |= flags::OBSTRUCTED;
+    }
+    // Fewer than half of what is there agrees, or too little is there to tell a slope from chance.
+    if 2 * on < count || found.fit.count < 6 || interval(&found.fit) > DOUBTFUL_HALF_Q30 {
+        marks |= flags::DOUBTFUL;
     }
     marks
 }
+
+/// This many beams in a row without a return on a slope are a shadow rather than chance.
+const SHADOW_BEAMS: i16 = 6;
+
+/// An interval wider than +/-0.5 degrees.
+const DOUBTFUL_HALF_Q30: u32 = 9_370_000;
 
 impl Found {
     /// The slope as it is reported.
@@ -146,8 +168,21 @@ impl Found {
         }
     }
 
-    /// Shortest length, hinge to hinge, that this slope may have.
-    pub fn long_enough(&self, start: &Place, end: &Place, least: i32) -> bool {
-        end.u - start.u >= least - millimetres(150)
+    /// Whether slope and length, from hinge to hinge, are within the limits: by their best estimates, give or take their intervals.
+    pub fn within(&self, start: &Place, end: &Place, wanted: &Wanted) -> bool {
+        let slope_q14 = self.fit.line.slope_q14();
+        let half_q14 = (interval(&self.fit).min(1 << 28) >> 16) as i32;
+        let run = end.u - start.u;
+        let doubt = (start.half.max(end.half)).min(1 << 15) as i32;
+        let least = wanted.least_q14 + super::SLACK_Q14 - half_q14;
+        let most = wanted.most_q14 - super::SLACK_Q14 + half_q14;
+        (least..=most).contains(&slope_q14) && (wanted.shortest - doubt..=wanted.longest + doubt).contains(&run)
+    }
+
+    /// Flags that concern this slope between its ends.
+    pub fn marks(&self, samples: &[Sample], start: &Place, end: &Place, noise: &Noise, obstruction: i32) -> u16 {
+        let first = samples.partition_point(|s| s.u < start.u);
+        let past = samples.partition_point(|s| s.u <= end.u);
+        marks(samples.get(first..past).unwrap_or_default(), self, noise, obstruction)
     }
 }

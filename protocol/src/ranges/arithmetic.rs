@@ -1,0 +1,173 @@
+//! A range coder (Martin, 1979) over 32 bits: carries run back into the bytes already written.
+//!
+//! A symbol is the part [start, start + size) of 4,096. A code is the shortest byte string whose number lies in the
+//! last interval, zeros at its end left off; the reader supplies them. So every sequence of symbols has one code, and
+//! the reader can tell in the end whether what it has read is that one.
+
+/// Parts that a symbol's share is counted in.
+pub const WHOLE_BITS: u32 = 12;
+
+/// Below this the interval is widened by a byte.
+const NARROW: u32 = 1 << 24;
+
+/// Writes a code.
+pub struct Writer<'a> {
+    low: u32,
+    range: u32,
+    out: &'a mut [u8],
+    /// Bytes written; beyond the end of `out` they are only counted.
+    len: usize,
+}
+
+impl<'a> Writer<'a> {
+    pub fn new(out: &'a mut [u8]) -> Self {
+        Self { low: 0, range: u32::MAX, out, len: 0 }
+    }
+
+    pub fn symbol(&mut self, start: u32, size: u32) {
+        let part = self.range >> WHOLE_BITS;
+        self.add(part.wrapping_mul(start));
+        self.range = part.wrapping_mul(size);
+        self.widen();
+    }
+
+    /// `count` bits, at most 16, all values alike.
+    pub fn bits(&mut self, value: u32, count: u32) {
+        self.range >>= count;
+        self.add(self.range.wrapping_mul(value));
+        self.widen();
+    }
+
+    fn add(&mut self, amount: u32) {
+        let (low, carry) = self.low.overflowing_add(amount);
+        self.low = low;
+        if carry {
+            self.carry();
+        }
+    }
+
+    #[cold]
+    fn carry(&mut self) {
+        // There is always a byte to take it: the whole code is below 1.
+        for byte in self.out.iter_mut().take(self.len).rev() {
+            *byte = byte.wrapping_add(1);
+            if *byte != 0 {
+                break;
+            }
+        }
+    }
+
+    fn widen(&mut self) {
+        while self.range < NARROW {
+            self.push();
+            self.range <<= 8;
+        }
+    }
+
+    fn push(&mut self) {
+        if let Some(place) = self.out.get_mut(self.len) {
+            *place = (self.low >> 24) as u8;
+        }
+        self.len += 1;
+        self.low <<= 8;
+    }
+
+    /// Whether more has been written than there is room for.
+    pub fn is_full(&self) -> bool {
+        self.len > self.out.len()
+    }
+
+    /// The length of the code; `None` when it had no room.
+    pub fn finish(mut self) -> Option<usize> {
+        // The interval is at least NARROW wide: it holds a number whose low three bytes are 0.
+        self.add(NARROW - 1);
+        self.push();
+        let code = self.out.get(..self.len)?;
+        Some(code.iter().rposition(|&byte| byte != 0).map_or(0, |last| last + 1))
+    }
+}
+
+/// Reads a code.
+pub struct Reader<'a> {
+    /// The code's number less the interval's low end.
+    ahead: u32,
+    low: u32,
+    range: u32,
+    rest: core::slice::Iter<'a, u8>,
+    /// Zeros supplied past the code's end.
+    supplied: usize,
+    sound: bool,
+    ends_in_zero: bool,
+}
+
+impl<'a> Reader<'a> {
+    pub fn new(code: &'a [u8]) -> Self {
+        let mut reader = Self {
+            ahead: 0,
+            low: 0,
+            range: u32::MAX,
+            rest: code.iter(),
+            supplied: 0,
+            sound: true,
+            ends_in_zero: code.last() == Some(&0),
+        };
+        for _ in 0..4 {
+            reader.pull();
+        }
+        reader
+    }
+
+    /// Where in 0..4,096 the next symbol lies. To be followed by [`Reader::take`].
+    pub fn peek(&self) -> u32 {
+        let part = (self.range >> WHOLE_BITS).max(1);
+        (self.ahead / part).min((1 << WHOLE_BITS) - 1)
+    }
+
+    pub fn take(&mut self, start: u32, size: u32) {
+        let part = self.range >> WHOLE_BITS;
+        self.consume(part.wrapping_mul(start), part.wrapping_mul(size));
+    }
+
+    pub fn bits(&mut self, count: u32) -> u32 {
+        let part = self.range >> count;
+        let value = (self.ahead / part.max(1)).min((1 << count) - 1);
+        self.consume(part.wrapping_mul(value), part);
+        value
+    }
+
+    fn consume(&mut self, below: u32, range: u32) {
+        self.ahead = self.ahead.wrapping_sub(below);
+        self.low = self.low.wrapping_add(below);
+        self.range = range;
+        // What no writer makes: a number in the sliver above the last symbol, or nothing left of the interval.
+        if self.ahead >= self.range {
+            self.sound = false;
+            self.range = u32::MAX;
+        }
+        while self.range < NARROW {
+            self.pull();
+            self.low <<= 8;
+            self.range <<= 8;
+        }
+    }
+
+    fn pull(&mut self) {
+        let byte = self.rest.next().copied().unwrap_or_else(|| {
+            self.supplied += 1;
+            0
+        });
+        self.ahead = self.ahead << 8 | u32::from(byte);
+    }
+
+    /// Whether the code so far could have been written.
+    pub fn is_sound(&self) -> bool {
+        self.sound
+    }
+
+    /// Whether the code is the one that writing the same symbols makes.
+    pub fn finish(self) -> bool {
+        // A writer pushes one byte more than it has widened by; a reader is four ahead of that count.
+        let all_read = self.rest.len() == 0 && self.supplied >= 3;
+        self.sound && all_read && !self.ends_in_zero && self.ahead == self.low.wrapping_neg() & (NARROW - 1)
+    }
+}
