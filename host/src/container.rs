@@ -217,6 +217,18 @@ impl Container {
             let what = format!("a record of {length} bytes, of which the file holds {room}");
             return Some(Err(self.damaged(offset, what)));
         }
+        if opcode == op::CHUNK && length > room {
+            let mut head = vec![0; CHUNK_HEAD_MAX.min((self.size - offset) as usize)];
+            let read = self.read_at(offset, &mut head);
+            let whole = head.len() == CHUNK_HEAD_MAX;
+            if let Some(error) = read.err().or_else(|| {
+                (whole && !begins_chunk(&head, self.size - offset))
+                    .then(|| self.damaged(offset, format!("a chunk of {length} bytes, of which the file holds {room}")))
+            }) {
+                self.closed = true;
+                return Some(Err(error));
+            }
+        }
         self.last = offset;
         self.position = offset.saturating_add(HEAD).saturating_add(length);
         Some(Ok(Entry { offset, opcode, length }))
@@ -445,7 +457,7 @@ impl ChunkHead {
 fn begins_chunk(bytes: &[u8], room: u64) -> bool {
     let Some((&[opcode, ref length @ ..], body)) = bytes.split_first_chunk::<{ HEAD as usize }>() else { return false };
     let length = u64::from_le_bytes(*length);
-    if opcode != op::CHUNK || length > MAX_CHUNK || length < 40 || room < HEAD {
+    if opcode != op::CHUNK || !(40..=MAX_CHUNK).contains(&length) || room < HEAD {
         return false;
     }
     ChunkHead::parse(body).is_some_and(|head| {

@@ -1,13 +1,18 @@
 //! The crossfall host: logs, verification, profiles, maps.
 #![forbid(unsafe_code)]
 
+pub mod calibrate;
 pub mod capture;
+pub mod config;
 pub mod container;
+pub mod import;
 pub mod interrupt;
 pub mod log;
 pub mod output;
 pub mod profiles;
 pub mod run;
+pub mod simulate;
 pub mod stream;
+pub mod toml_file;
 pub mod track;
 pub mod verify;

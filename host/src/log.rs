@@ -60,7 +60,8 @@ pub struct Reader {
     wire: Option<u16>,
     frames: VecDeque<Message>,
     errors: VecDeque<Error>,
-    damaged: bool,
+    /// Whether channels of another name are declared: then the file is no log, and no damaged one either.
+    foreign: bool,
     done: bool,
 }
 
@@ -77,7 +78,7 @@ impl Reader {
             wire: None,
             frames: VecDeque::new(),
             errors: VecDeque::new(),
-            damaged: false,
+            foreign: false,
             done: false,
         };
         while reader.frames.is_empty() && reader.errors.is_empty() && !reader.done {
@@ -113,23 +114,28 @@ impl Reader {
                 },
                 op::CHUNK | op::CHANNEL | op::MESSAGE => {
                     let contents = self.container.contents(entry);
-                    for channel in contents.channels {
+                    // What a damaged chunk says of channels is not believed.
+                    let trusted = !matches!(contents.error, Some(Error::Damaged { .. }));
+                    for channel in contents.channels.into_iter().filter(|_| trusted) {
                         if channel.topic == TOPIC {
                             self.wire = Some(channel.id);
+                        } else {
+                            self.foreign = true;
                         }
                     }
-                    if self.damaged && self.wire.is_none() && !contents.messages.is_empty() {
+                    if self.wire.is_none() && !self.foreign && !contents.messages.is_empty() {
                         self.wire = Some(WIRE_ID);
+                        let what =
+                            format!("no record declares the channel `{TOPIC}`; number {WIRE_ID} is taken for it");
+                        self.errors.push_back(self.container.damaged(entry.offset, what));
                     }
                     self.frames
                         .extend(contents.messages.into_iter().filter(|message| Some(message.channel) == self.wire));
-                    self.damaged |= contents.error.is_some();
                     self.errors.extend(contents.error);
                 }
                 _ => {}
             },
             Some(Err(error)) => {
-                self.damaged = true;
                 // Behind a damaged record the next chunk is looked for; a cut is the end.
                 if matches!(error, Error::Damaged { .. }) {
                     match self.container.resume() {

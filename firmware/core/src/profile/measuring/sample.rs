@@ -79,6 +79,13 @@ impl Noise {
     }
 }
 
+/// How many samples were seen under a direction inward of a place. Beams turn outward one after the other, whatever they
+/// hit: the order holds for strays and vegetation too, whose distance outward does not tell where they belong.
+pub fn inward_of(samples: &[Sample], (u, z): (i32, i32)) -> usize {
+    // The cross product of the beam and the place: at most 2^14 x 2^25 each.
+    samples.partition_point(|s| i64::from(s.out_q14) * i64::from(z) + i64::from(s.down_q14) * i64::from(u) > 0)
+}
+
 /// Takes one side's returns out of a scan, in outward order, beginning `inner` grains on the other side.
 /// `echoes` comes in that order already.
 pub fn take<'a>(

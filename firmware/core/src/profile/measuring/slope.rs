@@ -6,12 +6,12 @@ use crossfall_protocol::message::{Slope, flags};
 use super::hinge::Place;
 use super::line::{Fit, Gate, Line, fit, weigh};
 use super::magnitude::Magnitude;
-use super::sample::{GRAIN_BITS, Noise, Outward, Sample};
-use super::search::{self, Anchors, Run, Wanted};
+use super::sample::{GRAIN_BITS, Noise, Outward, Sample, inward_of};
+use super::search::{self, Run, Wanted};
 use crate::trig;
 
 /// A run must earn what this many samples on the line would: fewer can be chance.
-const LEAST_SCORE: i32 = 5 * 200;
+const LEAST_SCORE: i32 = 3 * 230;
 
 /// Fewest samples within the gate.
 const LEAST_SAMPLES: u32 = 5;
@@ -28,16 +28,16 @@ pub struct Found {
     pub run: Run,
 }
 
-/// Finds and measures the slope that is `wanted`, from sample `from` on; keeps what its residuals say about the noise.
+/// Finds and measures the slope that is `wanted`, from sample `from` on, which is `start` outward; keeps what its residuals say about the noise.
 pub fn measure(
     samples: &mut [Sample],
-    anchors: &mut Anchors,
-    from: usize,
+   
+    (from, start): (usize, i32),
     wanted: &Wanted,
     noise: &mut Noise,
 ) -> Option<Found> {
     let beyond = samples.get_mut(from..)?;
-    let (mut line, mut run) = search::find(beyond, anchors, wanted, noise)?;
+    let (mut line, mut run) = search::find(beyond, start, wanted, noise)?;
     for _ in 0..2 {
         if run.score < LEAST_SCORE {
             return None;
@@ -47,7 +47,7 @@ pub fn measure(
         for _ in 0..2 {
             line = fit(part, &line, shift, Gate::TUKEY)?.line;
         }
-        run = search::run(beyond, &line, wanted, noise, false);
+        run = search::run(beyond, &line, wanted, noise);
     }
     let part = beyond.get_mut(run.first..=run.last)?;
     let first_pass = refit(part, &line, noise)?;
@@ -61,8 +61,8 @@ impl Found {
     /// Fits again over the samples between two places: the ends of a run lean on its own residuals, those of the hinges
     /// do not, so that no sample is chosen for lying where the line wants it.
     pub fn settle(&mut self, samples: &mut [Sample], start: &Place, end: &Place, noise: &Noise) {
-        let first = samples.partition_point(|s| s.u < start.u);
-        let past = samples.partition_point(|s| s.u <= end.u);
+        let first = inward_of(samples, self.fit.line.place_at(start.u));
+        let past = inward_of(samples, self.fit.line.place_at(end.u));
         let Some(part) = samples.get_mut(first..past) else { return };
         if let Some(fit) = refit(part, &self.fit.line, noise) {
             if fit.count >= LEAST_SAMPLES.min(self.fit.count) {
@@ -181,8 +181,8 @@ impl Found {
 
     /// Flags that concern this slope between its ends.
     pub fn marks(&self, samples: &[Sample], start: &Place, end: &Place, noise: &Noise, obstruction: i32) -> u16 {
-        let first = samples.partition_point(|s| s.u < start.u);
-        let past = samples.partition_point(|s| s.u <= end.u);
+        let first = inward_of(samples, self.fit.line.place_at(start.u));
+        let past = inward_of(samples, self.fit.line.place_at(end.u));
         marks(samples.get(first..past).unwrap_or_default(), self, noise, obstruction)
     }
 }

@@ -1,0 +1,135 @@
+//! The laser scanner of a simulated drive: an LMS 291, half-degree scans in millimetres, every beam cast at its own instant.
+//!
+//! A scan is two turns of the mirror: whole degrees in the first, half degrees in the second (SENSORS: "Timing"; SICK telegram listing,
+//! command B0h). While it turns, the vehicle rolls and drives on.
+
+use crossfall_core::sensors::lms2xx;
+
+use super::motion::Attitude;
+use super::noise::{Noise, Purpose};
+use super::scene::{Scanner, Scene, Vegetation};
+use super::section::{Road, Section, cast};
+
+/// Values of a scan.
+pub const BEAMS: usize = 361;
+
+/// One turn of the mirror at its nominal speed.
+pub const TURN_S: f64 = 0.013_32;
+
+/// Nothing came back ("no stop signal", 15-bit values).
+pub const NO_ECHO: u16 = 32_767;
+
+/// Something came back, too little of it ("signal to noise too small").
+pub const WEAK_ECHO: u16 = 32_763;
+
+/// Count word: 361 values, in millimetres.
+const LAYOUT: u16 = 0x4169;
+
+/// Status of a healthy scanner: bits 3 and 4 are 10b, and nothing is wrong.
+const STATUS: u8 = 0x10;
+
+/// One telegram and the truth behind it.
+#[derive(Clone, Debug)]
+pub struct Telegram {
+    /// When its first byte arrives, in seconds of the drive.
+    pub arrival_s: f64,
+    /// The instant of the scan's first beam.
+    pub start_s: f64,
+    /// Its bytes.
+    pub bytes: Vec<u8>,
+}
+
+/// The scanner.
+#[derive(Debug)]
+pub struct Lms<'a> {
+    scanner: &'a Scanner,
+    vegetation: &'a Vegetation,
+    speed_m_s: f64,
+    attitude: &'a Attitude,
+    road: &'a Road,
+    noise: Noise,
+}
+
+impl<'a> Lms<'a> {
+    /// A scanner on a vehicle on a road.
+    #[must_use]
+    pub fn new(scene: &'a Scene, attitude: &'a Attitude, road: &'a Road) -> Self {
+        Self {
+            scanner: &scene.scanner,
+            vegetation: &scene.vegetation,
+            speed_m_s: scene.drive.speed_m_s,
+            attitude,
+            road,
+            noise: Noise::new(scene.drive.seed, Purpose::Ranges),
+        }
+    }
+
+    /// How long a turn takes with this scanner's motor.
+    #[must_use]
+    pub fn turn_s(scanner: &Scanner) -> f64 {
+        TURN_S / (1.0 + scanner.motor_error_ppm * 1e-6)
+    }
+
+    /// One scan that starts at a time of the drive.
+    pub fn scan(&mut self, number: usize, start_s: f64) -> Telegram {
+        let turn_s = Self::turn_s(self.scanner);
+        let mut values = [NO_ECHO; BEAMS];
+        for odd in 0..2 {
+            for i in (odd..BEAMS).step_by(2) {
+                let degrees = i as f64 / 2.0;
+                let t = start_s + odd as f64 * turn_s + degrees / 360.0 * turn_s;
+                values[i] = self.beam(number, degrees, t);
+            }
+        }
+        let mut bytes = Vec::with_capacity(lms2xx::LONGEST);
+        let indices = if self.scanner.index_bytes { 2 } else { 0 };
+        let length = 3 + 2 * BEAMS as u16 + indices + 1;
+        bytes.extend([0x02, 0x80]);
+        bytes.extend(length.to_le_bytes());
+        bytes.push(0xb0);
+        bytes.extend(LAYOUT.to_le_bytes());
+        bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+        if self.scanner.index_bytes {
+            // The scan index counts turns, the telegram index telegrams, both modulo 256.
+            bytes.extend([(2 * number) as u8, number as u8]);
+        }
+        bytes.push(STATUS);
+        bytes.extend(lms2xx::crc(&bytes).to_le_bytes());
+        Telegram { arrival_s: start_s + 2.0 * turn_s + self.scanner.delay_us * 1e-6, start_s, bytes }
+    }
+
+    /// The value of one beam.
+    fn beam(&mut self, scan: usize, degrees: f64, t: f64) -> u16 {
+        let theta = if self.scanner.mirrored { 180.0 - degrees } else { degrees };
+        let phi = (theta + self.attitude.roll_deg(t) + self.scanner.mounting_offset_deg).to_radians();
+        // y = -r cos(phi), z = -r sin(phi), left and up positive.
+        let (left, up) = (-libm::cos(phi), -libm::sin(phi));
+        let section = self.road.at(self.speed_m_s * t, scan);
+        let ground = section.ground(left >= 0.0);
+        // Drawn for every beam, whatever becomes of it, so that one beam's fate leaves the others theirs.
+        let (plant, stray) = (self.noise.chance(self.vegetation.share), self.noise.chance(self.vegetation.stray_share));
+        let height_m = self.noise.exponential(self.vegetation.mean_mm).min(self.vegetation.max_mm) * 1e-3;
+        let (fraction, dropped) = (self.noise.unit(), self.noise.chance(self.scanner.dropout_share));
+        let error_mm = self.noise.normal() * self.scanner.range_noise_mm;
+
+        let Some(bare) = cast(&ground, left.abs(), up, 0.0) else { return NO_ECHO };
+        let off_road = bare * left.abs() > edge_m(&section, left);
+        let range = match off_road {
+            true if plant => cast(&ground, left.abs(), up, height_m).unwrap_or(bare),
+            true if stray => bare * fraction,
+            _ => bare,
+        };
+        if range > self.scanner.max_range_m {
+            return NO_ECHO;
+        }
+        if dropped {
+            return WEAK_ECHO;
+        }
+        // At most 32 m by the scene's check, so that no range runs into the special values.
+        (range * 1_000.0 + error_mm).round().clamp(0.0, 32_700.0) as u16
+    }
+}
+
+fn edge_m(section: &Section, left: f64) -> f64 {
+    if left >= 0.0 { section.left.edge_m } else { section.right.edge_m }
+}

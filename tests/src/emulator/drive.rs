@@ -1,0 +1,87 @@
+//! Plays a drive into the board's pins with true timing, and holds the scanner's side of the bring-up dialogue.
+
+use std::io;
+use std::time::{Duration, Instant};
+
+use crossfall::capture::{Channel, Chunk};
+
+use super::Emulator;
+use crate::lms_emulator::Scanner;
+
+/// How often the scanner listens.
+const LISTEN: Duration = Duration::from_millis(2);
+
+impl Emulator {
+    /// Lets a scanner answer the board until `done`, for at most `limit`; whether it came to that. Bytes pass only when board and
+    /// scanner agree on the rate of the line, as they would on a wire.
+    ///
+    /// # Errors
+    /// When QEMU has gone.
+    pub fn converse(
+        &mut self,
+        scanner: &mut Scanner,
+        limit: Duration,
+        mut done: impl FnMut(&Scanner) -> bool,
+    ) -> io::Result<bool> {
+        let deadline = Instant::now() + limit;
+        while !done(scanner) {
+            if Instant::now() > deadline {
+                return Ok(false);
+            }
+            let heard = self.lidar.receive(LISTEN)?;
+            if heard.is_empty() {
+                continue;
+            }
+            let baud = self.monitor.scanner_baud()?;
+            for answer in scanner.hear(&heard, baud) {
+                if self.monitor.scanner_baud()? == answer.baud {
+                    self.lidar.send(&answer.bytes)?;
+                }
+            }
+        }
+        Ok(true)
+    }
+
+    /// Plays chunks, which are in the order of their times, each at its time from now on. Returns how late the worst of
+    /// them was: the host's own scheduling, which the board cannot tell from the sensor's.
+    ///
+    /// # Errors
+    /// When QEMU has gone.
+    pub fn play(&mut self, chunks: impl IntoIterator<Item = Chunk>) -> io::Result<Duration> {
+        let start = Instant::now();
+        let mut first_ns = None;
+        let mut latest = Duration::ZERO;
+        for chunk in chunks {
+            let first_ns = *first_ns.get_or_insert(chunk.device_time_ns);
+            let due = start + Duration::from_nanos(chunk.device_time_ns.saturating_sub(first_ns));
+            std::thread::sleep(due.saturating_duration_since(Instant::now()));
+            latest = latest.max(due.elapsed());
+            match chunk.channel {
+                Channel::Lidar => self.lidar.send(&chunk.data)?,
+                Channel::Ins => self.ins.send(&chunk.data)?,
+                Channel::Pps => self.pulse()?,
+                Channel::Ins2 => {}
+            }
+        }
+        Ok(latest)
+    }
+}
+
+/// Every second frame of a line whose frames all begin with the same mark: what a sensor at half its rate would send.
+#[must_use]
+pub fn every_second(chunks: &[Chunk], channel: Channel, mark: &[u8]) -> Vec<Chunk> {
+    let mut bytes: Vec<(u8, u64)> = Vec::new();
+    for chunk in chunks.iter().filter(|chunk| chunk.channel == channel) {
+        bytes.extend(chunk.data.iter().map(|&byte| (byte, chunk.device_time_ns)));
+    }
+    let begins = |at: usize| mark.iter().enumerate().all(|(k, &byte)| bytes.get(at + k).is_some_and(|b| b.0 == byte));
+    let starts: Vec<usize> = (0..bytes.len()).filter(|&at| begins(at)).chain([bytes.len()]).collect();
+    let frames = starts.windows(2).step_by(2);
+    frames
+        .map(|ends| Chunk {
+            channel,
+            device_time_ns: bytes[ends[0]].1,
+            data: bytes[ends[0]..ends[1]].iter().map(|&(byte, _)| byte).collect(),
+        })
+        .collect()
+}
