@@ -22,14 +22,14 @@ pub type Shared<'q> = RefCell<Acquisition<'q>>;
 
 /// See the module.
 pub struct Acquisition<'q> {
-    decode: Decode,
+    decode: &'q mut Decode,
     outlets: Outlets<'q>,
     lost: Lost,
 }
 
 /// Where events go.
 struct Outlets<'q> {
-    link: Outbox<'q>,
+    link: &'q mut Outbox<'q>,
     survey: WorkSender<'q>,
     scans_skipped: u32,
 }
@@ -44,9 +44,9 @@ struct Lost {
 }
 
 impl<'q> Acquisition<'q> {
-    /// Ties a decode layer to its outlets.
+    /// Ties a decode layer to its outlets. Both are large and stay where they are: a board's stack is no place for them.
     #[must_use]
-    pub fn new(decode: Decode, link: Outbox<'q>, survey: WorkSender<'q>) -> Self {
+    pub fn new(decode: &'q mut Decode, link: &'q mut Outbox<'q>, survey: WorkSender<'q>) -> Self {
         Self { decode, outlets: Outlets { link, survey, scans_skipped: 0 }, lost: Lost::default() }
     }
 

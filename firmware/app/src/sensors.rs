@@ -48,11 +48,11 @@ pub async fn scanner<L: SensorLine>(shared: &Shared<'_>, mut line: L) -> ! {
         let count = read(&mut line, &mut chunk).await;
         for (k, &byte) in chunk.iter().take(count).enumerate() {
             shared.borrow_mut().lidar_byte(byte, line.arrival(k), line.lost(), &mut |event| {
-                bring_up.event(event, now(), &mut |action| drop(actions.push(action)));
+                bring_up.event(event, now(), &mut |action| note(&mut actions, action));
             });
             perform(shared, &mut line, &mut actions, &mut told_silent).await;
         }
-        bring_up.tick(now(), &mut |action| drop(actions.push(action)));
+        bring_up.tick(now(), &mut |action| note(&mut actions, action));
         perform(shared, &mut line, &mut actions, &mut told_silent).await;
         pause(count).await;
     }
@@ -93,11 +93,11 @@ pub async fn inertial<L: SensorLine>(shared: &Shared<'_>, mut line: L) -> ! {
             let mut acquisition = shared.borrow_mut();
             for (k, &byte) in chunk.iter().take(count).enumerate() {
                 acquisition.ins_byte(byte, line.arrival(k), line.lost(), &mut |event| {
-                    bring_up.event(event, now(), &mut |action| drop(actions.push(action)));
+                    bring_up.event(event, now(), &mut |action| note(&mut actions, action));
                 });
             }
         }
-        bring_up.tick(now(), &mut |action| drop(actions.push(action)));
+        bring_up.tick(now(), &mut |action| note(&mut actions, action));
         for action in &actions {
             match action {
                 unit_up::Action::Send(command) => {
@@ -117,6 +117,11 @@ pub async fn pulse<P: PulseInput>(shared: &Shared<'_>, mut pulses: P) -> ! {
         let edge = pulses.edge().await;
         shared.borrow_mut().pulse(edge, pulses.overruns());
     }
+}
+
+/// Keeps an action until it is carried out. There is always room: see [`ACTIONS`].
+fn note<A>(actions: &mut heapless::Vec<A, ACTIONS>, action: A) {
+    let _fits = actions.push(action);
 }
 
 /// What the line has, waiting for it no longer than a tick.
