@@ -57,7 +57,10 @@ fn a_drive_at_half_rate_loses_nothing_and_verifies() {
     assert_eq!(board.link.losses(), (0, 0));
     assert_eq!(board.link.counters().rejected(), 0);
     assert_eq!(status.scans as usize, scans);
-    assert_eq!((status.scans_missing, status.scans_skipped, status.lidar.overruns, status.lidar.bad_frames), (0, 0, 0, 0));
+    assert_eq!(
+        (status.scans_missing, status.scans_skipped, status.lidar.overruns, status.lidar.bad_frames),
+        (0, 0, 0, 0)
+    );
     assert_eq!(status.poses as usize, poses);
     assert_eq!((status.ins.overruns, status.ins.bad_frames, status.frames_dropped), (0, 0, 0));
     assert_eq!((status.pulses as usize, status.pulses_spurious, status.pulses_overrun), (pulses, 0, 0));

@@ -42,28 +42,53 @@ impl Emulator {
         Ok(true)
     }
 
-    /// Plays chunks, which are in the order of their times, each at its time from now on. Returns how late the worst of
-    /// them was: the host's own scheduling, which the board cannot tell from the sensor's.
+    /// Plays chunks, which are in the order of their times, each at its time from now on by the board's own clock. Returns how late
+    /// the worst of them was, by the same clock: the host's scheduling, which the board cannot tell from the sensor's.
     ///
     /// # Errors
-    /// When QEMU has gone.
+    /// When QEMU has gone, or when the board's clock falls behind the host's tenfold.
     pub fn play(&mut self, chunks: impl IntoIterator<Item = Chunk>) -> io::Result<Duration> {
-        let start = Instant::now();
+        let begun = Instant::now();
+        let mut clock = Elapsed { counter: self.monitor.counter()?, us: 0 };
+        let start = clock.counter;
         let mut first_ns = None;
-        let mut latest = Duration::ZERO;
+        let mut latest_us = 0;
         for chunk in chunks {
             let first_ns = *first_ns.get_or_insert(chunk.device_time_ns);
-            let due = start + Duration::from_nanos(chunk.device_time_ns.saturating_sub(first_ns));
-            std::thread::sleep(due.saturating_duration_since(Instant::now()));
-            latest = latest.max(due.elapsed());
+            let due_us = chunk.device_time_ns.saturating_sub(first_ns) / 1_000;
+            while clock.us < due_us {
+                if begun.elapsed() > PATIENCE + 10 * Duration::from_micros(due_us) {
+                    return Err(io::Error::new(io::ErrorKind::TimedOut, "the board's clock hardly moves"));
+                }
+                // Half of what is left, as the two clocks need not agree; the rest in small steps.
+                std::thread::sleep(Duration::from_micros(((due_us - clock.us) / 2).clamp(50, 20_000)));
+                clock.advance(self.monitor.counter()?);
+            }
+            latest_us = latest_us.max(clock.us - due_us);
             match chunk.channel {
                 Channel::Lidar => self.lidar.send(&chunk.data)?,
                 Channel::Ins => self.ins.send(&chunk.data)?,
-                Channel::Pps => self.pulse()?,
+                Channel::Pps => self.pulse_at(start.wrapping_add(due_us as u32))?,
                 Channel::Ins2 => {}
             }
         }
-        Ok(latest)
+        Ok(Duration::from_micros(latest_us))
+    }
+}
+
+/// Beyond ten times the drive's length, a drive may last so much longer.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// The board's time since some instant, from readings of its counter.
+struct Elapsed {
+    counter: u32,
+    us: u64,
+}
+
+impl Elapsed {
+    fn advance(&mut self, counter: u32) {
+        self.us += u64::from(counter.wrapping_sub(self.counter));
+        self.counter = counter;
     }
 }
 

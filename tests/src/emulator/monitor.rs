@@ -13,6 +13,9 @@ const STACK_PAINT: &str = "0xcccccccc";
 /// Bus clock of the UARTs, by which the board computes its dividers.
 const UART_BUS_HZ: u32 = 42_000_000;
 
+/// Register of the counter that stamps everything (TIM5_CNT; RM0090, 18.4.10).
+const COUNTER: u32 = 0x4000_0c24;
+
 /// Registers that hold the UARTs' dividers (USART_BRR; RM0090, 30.6.3).
 const SCANNER_DIVIDER: u32 = 0x4000_4808;
 const INS_DIVIDER: u32 = 0x4000_4c08;
@@ -57,9 +60,18 @@ impl Monitor {
     /// As [`Monitor::ask`].
     pub(super) fn stack_used(&mut self, end: u32, size: u32) -> io::Result<u32> {
         let answer = self.ask(&format!("xp /{}wx {end:#x}", size / 4))?;
-        let words = answer.lines().filter_map(|line| line.split_once(": ")).flat_map(|(_, words)| words.split_whitespace());
+        let words =
+            answer.lines().filter_map(|line| line.split_once(": ")).flat_map(|(_, words)| words.split_whitespace());
         let untouched = words.take_while(|&word| word == STACK_PAINT).count() as u32;
         Ok(size - 4 * untouched)
+    }
+
+    /// The board's microsecond counter, which wraps.
+    ///
+    /// # Errors
+    /// As [`Monitor::word`].
+    pub fn counter(&mut self) -> io::Result<u32> {
+        self.word(COUNTER)
     }
 
     /// The rate in baud to which the board has set the scanner's line: QEMU carries bytes at any rate, so a sensor that

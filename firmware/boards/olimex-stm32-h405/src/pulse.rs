@@ -5,7 +5,8 @@
 //! one not yet read, the over-capture flag says so (RM0090, 18.4.5, CC2OF) and it is counted. embassy-stm32 0.6 reads
 //! 32-bit captures through a 16-bit view, hence the registers.
 //!
-//! QEMU has no pin for it: there, a byte on UART5 is the pulse, stamped like any byte.
+//! QEMU has no pin for it. There, a byte on UART5 is the pulse, stamped like any byte; or, where the host's scheduling is not to
+//! show in the stamps, [`CAPTURED`] and four bytes (low first): the counter's value as a timer would have captured it.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -27,6 +28,9 @@ static OVERRUNS: AtomicU32 = AtomicU32::new(0);
 
 /// Channel 2 of TIM5, counting channels from 0.
 const CHANNEL: usize = 1;
+
+/// First byte of an emulated capture.
+const CAPTURED: u8 = 0xa5;
 
 /// The pulse, captured or emulated.
 pub struct Pulses(());
@@ -97,8 +101,24 @@ fn UART5() {
     let stamp = time::counter();
     let status = pac::UART5.sr().read();
     if status.rxne() || status.ore() {
-        let _ = pac::UART5.dr().read();
-        if EDGES.try_send(stamp).is_err() || status.ore() {
+        let byte = pac::UART5.dr().read().dr() as u8;
+        // A captured value under way: its bytes, each shifted in from above, and how many are still to come.
+        static PARTIAL: AtomicU32 = AtomicU32::new(0);
+        static MISSING: AtomicU32 = AtomicU32::new(0);
+        let edge = match MISSING.load(Ordering::Relaxed) {
+            0 if byte == CAPTURED => {
+                MISSING.store(4, Ordering::Relaxed);
+                None
+            }
+            0 => Some(stamp),
+            missing => {
+                let value = PARTIAL.load(Ordering::Relaxed) >> 8 | u32::from(byte) << 24;
+                PARTIAL.store(value, Ordering::Relaxed);
+                MISSING.store(missing - 1, Ordering::Relaxed);
+                (missing == 1).then_some(value)
+            }
+        };
+        if edge.is_some_and(|edge| EDGES.try_send(edge).is_err()) || status.ore() {
             overrun();
         }
     }
