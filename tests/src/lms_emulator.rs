@@ -107,9 +107,15 @@ impl Scanner {
         answers
     }
 
+    /// Whether its scans reach the line.
+    #[must_use]
+    pub fn is_sending(&self) -> bool {
+        !self.silent && self.mode == Mode::Continuous
+    }
+
     /// The telegram of one scan, when the scanner is sending scans: 361 or 181 values and, if enabled, its indices.
     pub fn scan(&mut self, values: &[u16]) -> Option<Answer> {
-        if self.silent || self.mode != Mode::Continuous {
+        if !self.is_sending() {
             return None;
         }
         let count = 1 + usize::from(self.variant.0) * 100 / usize::from(self.variant.1);

@@ -1,58 +1,26 @@
 //! A drive through the emulated board: from power-on over the bring-up to profiles that verify bit for bit.
 
+mod board;
+
 use std::collections::HashMap;
 use std::path::Path;
-use std::time::Duration;
 
-use crossfall::capture::{self, Channel, Chunk};
-use crossfall::{log, profiles, verify};
-use crossfall_core::protocol::message::{Command, Message, Session, Status};
-use crossfall_tests::emulator::drive::every_second;
-use crossfall_tests::emulator::{Emulator, Image, Options, image};
-use crossfall_tests::lms_emulator::{Mode, Scanner};
+use crossfall::capture::Channel;
+use crossfall::{profiles, verify};
+use crossfall_tests::emulator::drive::Step;
 use crossfall_tests::recordings;
-
-const TELEGRAM: &[u8] = &[0x02, 0x80, 0xd6, 0x02, 0xb0];
-
-/// The example capture at half its rates: 18.8 scans and 50 poses a second.
-fn half_rate_drive(folder: &Path) -> Vec<Chunk> {
-    let all: Vec<Chunk> =
-        capture::Reader::open(&folder.join("example.mcap")).expect("the capture").map(|c| c.expect("whole")).collect();
-    let mut drive = every_second(&all, Channel::Lidar, TELEGRAM);
-    drive.extend(every_second(&all, Channel::Ins, &[0xaa, 0x44, 0x13]));
-    drive.extend(all.iter().filter(|chunk| chunk.channel == Channel::Pps).cloned());
-    drive.sort_by_key(|chunk| chunk.device_time_ns);
-    drive
-}
-
-fn write_log(board: &Emulator, path: &Path) {
-    let mut log = log::Writer::create(path).expect("a log");
-    for (n, frame) in board.link.frames().iter().enumerate() {
-        log.frame(n as u64 * 1_000_000, frame).expect("room on the disk");
-    }
-    log.finish().expect("a whole log");
-}
 
 #[test]
 fn a_drive_at_half_rate_loses_nothing_and_verifies() {
     let Some(folder) = recordings("capture") else { return };
-    let mut board = Emulator::start(&image(Image::Board), &Options::default()).expect("a board");
-    let mut scanner = Scanner::waiting_at(9_600);
-    let up = board.converse(&mut scanner, Duration::from_secs(20), |scanner| scanner.mode == Mode::Continuous);
-    assert!(up.expect("a running board"), "bring-up got as far as {:?}", scanner.understood);
-
-    let drive = half_rate_drive(&folder);
+    let (mut board, mut scanner) = board::running_board();
+    let drive = board::half_rate_drive(&folder);
     let sent = |channel| drive.iter().filter(|chunk| chunk.channel == channel).count();
     let (scans, poses, pulses) = (sent(Channel::Lidar), sent(Channel::Ins), sent(Channel::Pps));
-    let late = board.play(drive.iter().cloned()).expect("a running board");
-    println!("{scans} scans, {poses} poses, {pulses} pulses; the host was {late:?} late at most");
+    let played = board.play(&mut scanner, drive.into_iter().map(Step::Bytes)).expect("a running board");
+    println!("{scans} scans, {poses} poses, {pulses} pulses; the host was {:?} late at most", played.latest);
 
-    board.command(&Command::Stop).expect("a running board");
-    let stopped = |message: &Message<'_>| matches!(message, Message::Session(Session::Stopped(_))).then_some(());
-    let (at, ()) = board.link.wait_for(0, Duration::from_secs(5), stopped).expect("the survey stops");
-    // The status of the next second counts everything.
-    let status = |message: &Message<'_>| if let Message::Status(status) = message { Some(*status) } else { None };
-    let (_, status): (_, Status) = board.link.wait_for(at, Duration::from_secs(3), status).expect("a status");
+    let status = board::stop(&mut board);
     println!("{status:?}");
     assert_eq!(board.link.losses(), (0, 0));
     assert_eq!(board.link.counters().rejected(), 0);
@@ -67,7 +35,7 @@ fn a_drive_at_half_rate_loses_nothing_and_verifies() {
 
     let scratch = tempfile::tempdir().expect("a scratch folder");
     let path = scratch.path().join("board.mcap");
-    write_log(&board, &path);
+    board::write_log(&board, &path);
     let report = verify::verify(&path, |_| ()).expect("a readable log");
     assert_eq!(report.problems, []);
     assert_eq!((report.profiles as usize, report.profiles_reproduced as usize), (scans, scans));

@@ -5,7 +5,8 @@ use core::future::Future;
 use crossfall_protocol::DeviceTime;
 use embedded_io_async::{Read, Write};
 
-/// A line whose bytes carry the time of their arrival.
+/// A line whose bytes carry the time of their arrival. A read may be dropped while it waits, and has then taken nothing; it should let
+/// bytes gather for a millisecond or so, as a wake-up for each would cost more than all else.
 pub trait StampedRead: Read {
     /// Arrival of byte `k` of what the latest read returned.
     fn arrival(&self, k: usize) -> DeviceTime;

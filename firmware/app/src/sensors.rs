@@ -19,10 +19,6 @@ use crate::now;
 /// Bytes taken from a line at a time.
 const CHUNK: usize = 64;
 
-/// After a read a line is left alone for so long, so that the next one finds many bytes: stamps are the bytes' own, so that waiting
-/// costs no accuracy, and fewer wake-ups cost less.
-const PAUSE: Duration = Duration::from_millis(1);
-
 /// How often a silent line's bring-up is asked what to do.
 const TICK: Duration = Duration::from_millis(5);
 
@@ -54,7 +50,6 @@ pub async fn scanner<L: SensorLine>(shared: &Shared<'_>, mut line: L) -> ! {
         }
         bring_up.tick(now(), &mut |action| note(&mut actions, action));
         perform(shared, &mut line, &mut actions, &mut told_silent).await;
-        pause(count).await;
     }
 }
 
@@ -107,7 +102,6 @@ pub async fn inertial<L: SensorLine>(shared: &Shared<'_>, mut line: L) -> ! {
             }
         }
         actions.clear();
-        pause(count).await;
     }
 }
 
@@ -134,13 +128,6 @@ async fn read<L: SensorLine>(line: &mut L, chunk: &mut [u8]) -> usize {
             0
         }
         Either::Second(()) => 0,
-    }
-}
-
-/// Lets bytes gather, unless there are more already.
-async fn pause(count: usize) {
-    if count < CHUNK {
-        Timer::after(PAUSE).await;
     }
 }
 

@@ -28,52 +28,96 @@ impl Emulator {
             if Instant::now() > deadline {
                 return Ok(false);
             }
-            let heard = self.lidar.receive(LISTEN)?;
-            if heard.is_empty() {
-                continue;
-            }
-            let baud = self.monitor.scanner_baud()?;
-            for answer in scanner.hear(&heard, baud) {
-                if self.monitor.scanner_baud()? == answer.baud {
-                    self.lidar.send(&answer.bytes)?;
-                }
-            }
+            self.answer(scanner, LISTEN)?;
         }
         Ok(true)
     }
 
-    /// Plays chunks, which are in the order of their times, each at its time from now on by the board's own clock. Returns how late
-    /// the worst of them was, by the same clock: the host's scheduling, which the board cannot tell from the sensor's.
+    /// Plays steps, which are in the order of their times, each at its time from now on by the board's own clock. The scanner answers
+    /// the board meanwhile; its bytes reach the board only while it sends scans and both agree on the line's rate.
     ///
     /// # Errors
     /// When QEMU has gone, or when the board's clock falls behind the host's tenfold.
-    pub fn play(&mut self, chunks: impl IntoIterator<Item = Chunk>) -> io::Result<Duration> {
+    pub fn play<'s>(&mut self, scanner: &mut Scanner, steps: impl IntoIterator<Item = Step<'s>>) -> io::Result<Played> {
         let begun = Instant::now();
         let mut clock = Elapsed { counter: self.monitor.counter()?, us: 0 };
         let start = clock.counter;
         let mut first_ns = None;
-        let mut latest_us = 0;
-        for chunk in chunks {
-            let first_ns = *first_ns.get_or_insert(chunk.device_time_ns);
-            let due_us = chunk.device_time_ns.saturating_sub(first_ns) / 1_000;
+        let mut played = Played::default();
+        for step in steps {
+            let first_ns = *first_ns.get_or_insert(step.device_time_ns());
+            let due_us = step.device_time_ns().saturating_sub(first_ns) / 1_000;
             while clock.us < due_us {
                 if begun.elapsed() > PATIENCE + 10 * Duration::from_micros(due_us) {
                     return Err(io::Error::new(io::ErrorKind::TimedOut, "the board's clock hardly moves"));
                 }
                 // Half of what is left, as the two clocks need not agree; the rest in small steps.
-                std::thread::sleep(Duration::from_micros(((due_us - clock.us) / 2).clamp(50, 20_000)));
+                self.answer(scanner, Duration::from_micros(((due_us - clock.us) / 2).clamp(50, 20_000)))?;
                 clock.advance(self.monitor.counter()?);
             }
-            latest_us = latest_us.max(clock.us - due_us);
-            match chunk.channel {
-                Channel::Lidar => self.lidar.send(&chunk.data)?,
-                Channel::Ins => self.ins.send(&chunk.data)?,
-                Channel::Pps => self.pulse_at(start.wrapping_add(due_us as u32))?,
-                Channel::Ins2 => {}
+            played.latest = played.latest.max(Duration::from_micros(clock.us - due_us));
+            match step {
+                Step::Do(_, act) => act(self, scanner)?,
+                Step::Bytes(Chunk { channel: Channel::Lidar, .. }) if !scanner.is_sending() => played.unsent += 1,
+                Step::Bytes(Chunk { channel: Channel::Lidar, data, .. }) => {
+                    played.scans += 1;
+                    self.lidar.send(&data)?;
+                }
+                Step::Bytes(Chunk { channel: Channel::Ins, data, .. }) => self.ins.send(&data)?,
+                Step::Bytes(Chunk { channel: Channel::Pps, .. }) => self.pulse_at(start.wrapping_add(due_us as u32))?,
+                Step::Bytes(_) => {}
             }
         }
-        Ok(Duration::from_micros(latest_us))
+        Ok(played)
     }
+
+    /// Lets the scanner answer what the board says within this time.
+    fn answer(&mut self, scanner: &mut Scanner, patience: Duration) -> io::Result<()> {
+        let heard = self.lidar.receive(patience)?;
+        if heard.is_empty() {
+            return Ok(());
+        }
+        let baud = self.monitor.scanner_baud()?;
+        for answer in scanner.hear(&heard, baud) {
+            if self.monitor.scanner_baud()? == answer.baud {
+                self.lidar.send(&answer.bytes)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// One step of a drive.
+pub enum Step<'s> {
+    /// Bytes or a pulse for the board's pins.
+    Bytes(Chunk),
+    /// Anything else, at this device time in nanoseconds.
+    Do(u64, Box<Act<'s>>),
+}
+
+/// What a step may do.
+pub type Act<'s> = dyn FnOnce(&mut Emulator, &mut Scanner) -> io::Result<()> + 's;
+
+impl Step<'_> {
+    /// When it is due.
+    #[must_use]
+    pub fn device_time_ns(&self) -> u64 {
+        match self {
+            Self::Bytes(chunk) => chunk.device_time_ns,
+            Self::Do(device_time_ns, _) => *device_time_ns,
+        }
+    }
+}
+
+/// How a drive went.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Played {
+    /// How late the worst step was by the board's clock: the host's scheduling, which the board cannot tell from the sensor's.
+    pub latest: Duration,
+    /// Chunks of the scanner that went out.
+    pub scans: u32,
+    /// Chunks of the scanner that did not go out because it was silent or not sending scans.
+    pub unsent: u32,
 }
 
 /// Beyond ten times the drive's length, a drive may last so much longer.
