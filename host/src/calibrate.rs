@@ -99,7 +99,9 @@ pub enum Refusal {
     #[error(transparent)]
     Log(#[from] Error),
     /// There is too little in it.
-    #[error("{usable} of {scans} scans show ground under the sensor and have attitude; at least {LEAST_SCANS} are needed")]
+    #[error(
+        "{usable} of {scans} scans show ground under the sensor and have attitude; at least {LEAST_SCANS} are needed"
+    )]
     TooFew {
         /// Scans with ground and attitude.
         usable: usize,
@@ -188,11 +190,17 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
     let parked = is_parked(&drive.poses);
     let (mean, mean_se) = statistics::mean(&after);
     let (true_slope, prior_se, said) = match surface {
-        Surface::Known(degrees) => (degrees, 0.0, format!("the surface's slope was given: {degrees} degrees to the left")),
-        Surface::Assumed if parked => (0.0, 0.0, "the vehicle stood: the surface under it is taken for level".to_owned()),
-        Surface::Assumed => {
-            (0.0, ROAD_PRIOR_DEG, format!("the road's mean cross slope is not known: +/-{ROAD_PRIOR_DEG} degrees are allowed for it"))
+        Surface::Known(degrees) => {
+            (degrees, 0.0, format!("the surface's slope was given: {degrees} degrees to the left"))
         }
+        Surface::Assumed if parked => {
+            (0.0, 0.0, "the vehicle stood: the surface under it is taken for level".to_owned())
+        }
+        Surface::Assumed => (
+            0.0,
+            ROAD_PRIOR_DEG,
+            format!("the road's mean cross slope is not known: +/-{ROAD_PRIOR_DEG} degrees are allowed for it"),
+        ),
     };
     let old_offset_deg = crate::profiles::degrees(drive.config.scanner.mounting_offset);
     let offset_deg = old_offset_deg + true_slope - mean;

@@ -161,7 +161,8 @@ fn place_ins(bytes: &[u8]) -> (Vec<Stretch>, Ins) {
     let mut anchor: Option<(novatel::GpsTime, u64)> = None;
     for (from, gps) in frames {
         // No frame begins before the one before it has passed the line.
-        let free_us = starts.last().map_or(BEGIN_US, |&(before, at_us)| at_us + (from - before) as u64 * 10_000_000 / INS_BAUD);
+        let free_us =
+            starts.last().map_or(BEGIN_US, |&(before, at_us)| at_us + (from - before) as u64 * 10_000_000 / INS_BAUD);
         let step_us = gps.zip(anchor).map(|(now, (last, _))| now.since(last));
         let valid_us = match (anchor, step_us) {
             (Some((_, valid_us)), Some(step)) if (-1_000_000..=LONGEST_STEP_US).contains(&step) => {

@@ -109,7 +109,9 @@ impl Fit {
 ///
 /// A weight is 2^20 / (variance >> shift), below 2^12, where the shift leaves 8 or 9 bits of the least variance.
 pub fn weigh(samples: &mut [Sample], noise: &Noise, slope_q14: i32) -> u32 {
-    let least = samples.iter().map(|s| noise.variance(s, slope_q14)).min().unwrap_or(1 << 8);
+    // The variance along a line changes slowly and one way: the least is at an end, or near it.
+    let (first, last) = (samples.first(), samples.last());
+    let least = first.into_iter().chain(last).map(|s| noise.variance(s, slope_q14)).min().unwrap_or(1 << 8);
     let shift = 23u32.saturating_sub(least.leading_zeros());
     for sample in samples {
         let scaled = noise.variance(sample, slope_q14) >> shift;

@@ -109,9 +109,6 @@ fn prior_noise(survey: &Survey, unit_um: i32) -> Noise {
     }
 }
 
-/// How often the slopes are fitted anew between the hinges that they make.
-const SETTLING: usize = 2;
-
 /// One side with its slopes found but not yet bounded.
 struct Section {
     outward: Outward,
@@ -142,16 +139,21 @@ impl Section {
         }
     }
 
-    /// Settles the slopes between their hinges and fills in what was found.
-    fn report(mut self, side: &mut Side, samples: &mut [Sample], falling: &Wanted, rising: &Wanted) {
-        for _ in 0..SETTLING {
-            let Hinges { edge, foot, facing } = self.hinges(samples);
-            self.road.settle(samples, edge.u);
-            self.adjacent.settle(samples, &edge, &foot, &self.noise);
-            if let (Some(opposing), Some((start, top))) = (&mut self.opposing, &facing) {
-                opposing.settle(samples, start, top, &self.noise);
-            }
+    /// Fits the slopes anew between the hinges that they make, in so many steps.
+    fn settle<const STEPS: usize>(&mut self, samples: &mut [Sample]) {
+        let Hinges { edge, foot, facing } = self.hinges(samples);
+        self.adjacent.settle::<STEPS>(samples, &edge, &foot, &self.noise);
+        if let (Some(opposing), Some((start, top))) = (&mut self.opposing, &facing) {
+            opposing.settle::<STEPS>(samples, start, top, &self.noise);
         }
+    }
+
+    /// Settles road and slopes between their hinges and fills in what was found.
+    fn report(mut self, side: &mut Side, samples: &mut [Sample], falling: &Wanted, rising: &Wanted) {
+        self.settle::<1>(samples);
+        let edge = hinge::edge(&self.road.fit, self.departure, &self.adjacent);
+        self.road.settle(samples, edge.u);
+        self.settle::<2>(samples);
         let Hinges { edge, foot, facing } = self.hinges(samples);
         side.edge = Some(edge.message(self.outward));
         if self.adjacent.within(&edge, &foot, falling) {

@@ -65,8 +65,7 @@ pub fn find(samples: &mut [Sample], noise: Noise, thin: &mut Thin) -> Option<Roa
     let end = departed_at(samples, &line, departed).unwrap_or(reach) - MARGIN;
     let road = inside(samples, &line, end.max(FIRST_REACH / 2));
     let size = road.len();
-    let once = step(road, &line, &noise)?;
-    let fit = step(road, &once.line, &noise)?;
+    let fit = step(road, &line, &noise)?;
     // Where less than half of the samples lie on the line, it is not the road.
     if fit.count < MIN_SAMPLES || 2 * (fit.count as usize) < size {
         return None;

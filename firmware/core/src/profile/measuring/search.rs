@@ -49,11 +49,13 @@ pub struct Run {
 /// The best line among the candidates and its run over `samples`, all of them beyond `start`.
 pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) -> Option<(Line, Run)> {
     let mut finalists = [(Line::default(), 0i32); FINALISTS];
-    // The last sample of a run so good that starting within it would only find it again.
-    let mut settled = 0;
+    mark_raised(samples, wanted);
+    // Starting within a good run would mostly find it again: past `settled` and `thinned` all and every third start counts.
+    let (mut settled, mut thinned) = (0, 0);
     for (i, a) in samples.iter().enumerate() {
         // A stray may lie anywhere: it does not end the search.
-        if i < settled || a.u > start + START_REACH {
+        let skipped = i < settled || (i < thinned && i % 3 != 0);
+        if skipped || a.u > start + START_REACH || a.weight == RAISED {
             continue;
         }
         let along = samples.get(i..).unwrap_or_default();
@@ -63,6 +65,9 @@ pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) 
             let base = b.u - a.u;
             if base > wanted.longest {
                 break;
+            }
+            if b.weight == RAISED {
+                continue;
             }
             // 14 fraction bits: 0.6 mm over 10 m. Within 2^17 units of 8 grains the dividend stays below 2^31.
             let rise = ((b.z - a.z) >> 3).clamp(-(1 << 16), 1 << 16);
@@ -74,8 +79,11 @@ pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) 
             let weakest = finalists.last().map_or(0, |f| f.1);
             let found = run_from(along, &line, wanted, noise, weakest);
             let span = (found.last - found.first) as i32 + 1;
-            if span >= 10 && found.score > span * SETTLED_SCORE {
-                settled = settled.max(i + found.last);
+            if span >= 10 && found.score > span * THINNED_SCORE {
+                thinned = thinned.max(i + found.last);
+                if found.score > span * SETTLED_SCORE {
+                    settled = thinned;
+                }
             }
             admit(&mut finalists, line, b.u, found.score);
         }
@@ -91,6 +99,31 @@ pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) 
     }
     best
 }
+
+/// Marks the samples that stand above both of their neighbours: vegetation, no part of a candidate. Heights count from a
+/// line that slopes as what is wanted, so that on any line each sample lies between its neighbours.
+fn mark_raised(samples: &mut [Sample], wanted: &Wanted) {
+    let typical_q14 = (wanted.least_q14 + wanted.most_q14) / 2;
+    // |u| < 2^22 grains and the slope below 2^15: a shift of 6 keeps the product in 32 bits.
+    let height = |s: &Sample| s.z - (((s.u >> 6) * typical_q14) >> 8);
+    let (mut before, mut here) = (i32::MAX >> 1, i32::MAX >> 1);
+    let mut last: Option<&mut Sample> = None;
+    for sample in samples {
+        let after = height(sample);
+        sample.weight = 0;
+        if let Some(last) = last {
+            last.weight = if here > before.max(after) + PROTRUSION { RAISED } else { 0 };
+        }
+        (before, here) = (here, after);
+        last = Some(sample);
+    }
+}
+
+/// Mark of a raised sample, in the place of a weight that no fit has set yet.
+const RAISED: u16 = u16::MAX;
+
+/// How far above its neighbours a sample must stand to be taken for raised.
+const PROTRUSION: i32 = millimetres(12);
 
 /// Puts a candidate among the finalists if it is good enough. Of candidates that tell the same story - within 15 mm at
 /// both anchors - only the best stays, so that the others can be different ones.
@@ -126,8 +159,10 @@ fn grow(samples: &mut [Sample], line: &Line, wanted: &Wanted, noise: &Noise) -> 
     Some(if grown.score > first.score { (once, grown) } else { (*line, first) })
 }
 
-/// A run that earns this much a sample is what there is to find along its line.
+/// A run that earns this much a sample is what there is to find along its line ...
 const SETTLED_SCORE: i32 = 230;
+/// ... and one that earns this much may still be a mixture of slope and vegetation.
+const THINNED_SCORE: i32 = 180;
 
 /// A run that begins with the first sample is over when it has lost this much.
 const DROP: i32 = 600;

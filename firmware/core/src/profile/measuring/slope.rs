@@ -11,7 +11,7 @@ use super::search::{self, Run, Wanted};
 use crate::trig;
 
 /// A run must earn what this many samples on the line would: fewer can be chance.
-const LEAST_SCORE: i32 = 3 * 230;
+const LEAST_SCORE: i32 = 1_100;
 
 /// Fewest samples within the gate.
 const LEAST_SAMPLES: u32 = 5;
@@ -38,21 +38,16 @@ pub fn measure(
 ) -> Option<Found> {
     let beyond = samples.get_mut(from..)?;
     let (mut line, mut run) = search::find(beyond, start, wanted, noise)?;
-    for _ in 0..2 {
-        if run.score < LEAST_SCORE {
-            return None;
-        }
-        let part = beyond.get_mut(run.first..=run.last)?;
-        let shift = weigh(part, noise, line.slope_q14());
-        for _ in 0..2 {
-            line = fit(part, &line, shift, Gate::TUKEY)?.line;
-        }
-        run = search::run(beyond, &line, wanted, noise);
+    if run.score < LEAST_SCORE {
+        return None;
     }
     let part = beyond.get_mut(run.first..=run.last)?;
-    let first_pass = refit(part, &line, noise)?;
+    let first_pass = refit::<2>(part, &line, noise)?;
     *noise = roughened(noise, &first_pass, part);
-    let fit = refit(part, &first_pass.line, noise)?;
+    line = first_pass.line;
+    run = search::run(beyond, &line, wanted, noise);
+    let part = beyond.get_mut(run.first..=run.last)?;
+    let fit = refit::<1>(part, &line, noise)?;
     let run = Run { first: run.first + from, last: run.last + from, score: run.score };
     Some(Found { fit, run })
 }
@@ -60,11 +55,11 @@ pub fn measure(
 impl Found {
     /// Fits again over the samples between two places: the ends of a run lean on its own residuals, those of the hinges
     /// do not, so that no sample is chosen for lying where the line wants it.
-    pub fn settle(&mut self, samples: &mut [Sample], start: &Place, end: &Place, noise: &Noise) {
+    pub fn settle<const STEPS: usize>(&mut self, samples: &mut [Sample], start: &Place, end: &Place, noise: &Noise) {
         let first = inward_of(samples, self.fit.line.place_at(start.u));
         let past = inward_of(samples, self.fit.line.place_at(end.u));
         let Some(part) = samples.get_mut(first..past) else { return };
-        if let Some(fit) = refit(part, &self.fit.line, noise) {
+        if let Some(fit) = refit::<STEPS>(part, &self.fit.line, noise) {
             if fit.count >= LEAST_SAMPLES.min(self.fit.count) {
                 self.fit = fit;
             }
@@ -72,12 +67,14 @@ impl Found {
     }
 }
 
-/// Three reweighted steps with weights of the present noise.
-fn refit(part: &mut [Sample], line: &Line, noise: &Noise) -> Option<Fit> {
+/// Reweighted steps with weights of the present noise.
+fn refit<const STEPS: usize>(part: &mut [Sample], line: &Line, noise: &Noise) -> Option<Fit> {
     let shift = weigh(part, noise, line.slope_q14());
-    let once = fit(part, line, shift, Gate::TUKEY)?;
-    let twice = fit(part, &once.line, shift, Gate::TUKEY)?;
-    fit(part, &twice.line, shift, Gate::TUKEY)
+    let mut fitted = fit(part, line, shift, Gate::TUKEY)?;
+    for _ in 1..STEPS {
+        fitted = fit(part, &fitted.line, shift, Gate::TUKEY)?;
+    }
+    Some(fitted)
 }
 
 /// The noise with a roughness that explains the residuals of a fit.

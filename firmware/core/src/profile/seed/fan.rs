@@ -204,6 +204,15 @@ impl Fan {
         self.most
     }
 
+    /// Leaves only the open slopes, and gives the largest number of points among them.
+    pub fn narrow(&mut self, limits: &Limits, open: Slopes) -> usize {
+        self.first = self.first.max(limits.bin(open.low));
+        self.last = self.last.min(limits.bin(open.high));
+        let used = self.bins.get(self.first..=self.last).unwrap_or(&[]);
+        self.most = used.iter().max().map_or(0, |points| points.unsigned_abs() as usize);
+        self.most
+    }
+
     /// The number of points that the line through the anchor and this point could have, after [`Fan::sum`].
     pub fn points(&self, limits: &Limits, through: Reach) -> usize {
         let Some(bin) = through.slope().map(|slope| limits.bin(slope)) else { return self.most };
