@@ -67,7 +67,7 @@ struct Width {
 
 impl Width {
     const fn sigmas(tenths: u32) -> Self {
-        let square_q8 = (tenths * tenths << 8) / 100;
+        let square_q8 = ((tenths * tenths) << 8) / 100;
         Self { square_q8, inverse: (1 << 24) / square_q8 }
     }
 }

@@ -141,10 +141,10 @@ fn admit(finalists: &mut [(Line, i32); FINALISTS], line: Line, outer: i32, score
     *held = (line, score);
     // Best first; equal scores keep their order.
     for k in (1..=place).rev() {
-        if let Some([upper, lower]) = finalists.get_mut(k - 1..=k) {
-            if lower.1 > upper.1 {
-                core::mem::swap(upper, lower);
-            }
+        if let Some([upper, lower]) = finalists.get_mut(k - 1..=k)
+            && lower.1 > upper.1
+        {
+            core::mem::swap(upper, lower);
         }
     }
 }
