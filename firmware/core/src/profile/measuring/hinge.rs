@@ -104,10 +104,10 @@ pub fn across(samples: &mut [Sample], inner: &Found, outer: &Found, noise: &Nois
     if let Some(ground) = level(floor, noise) {
         let foot = between(&inner.fit, &ground.fit, noise, &last, ground.first);
         let start = between(&outer.fit, &ground.fit, noise, &last, first.u);
-        if let (Some(foot), Some(start)) = (foot, start) {
-            if foot.u <= start.u {
-                return (foot.departing(next), start.departing(previous));
-            }
+        if let (Some(foot), Some(start)) = (foot, start)
+            && foot.u <= start.u
+        {
+            return (foot.departing(next), start.departing(previous));
         }
     }
     // No floor to be seen: the slopes meet, or there is one between the beams. Every floor from none to the widest
@@ -124,7 +124,7 @@ pub fn across(samples: &mut [Sample], inner: &Found, outer: &Found, noise: &Nois
 fn between(slope: &Fit, other: &Fit, noise: &Noise, last: &Sample, next: i32) -> Option<Place> {
     let (u, half) = meeting(slope, other)?;
     let turn_q14 = (slope.line.slope_q30.abs_diff(other.line.slope_q30) >> 16).max(1);
-    let shift = (4 * noise.variance(last, slope.line.slope_q14()).isqrt() << 14) / turn_q14;
+    let shift = ((4 * noise.variance(last, slope.line.slope_q14()).isqrt()) << 14) / turn_q14;
     let shift = (shift + 2 * half.min(1 << 20)).clamp(millimetres(60) as u32, millimetres(500) as u32) as i32;
     (u > last.u - shift && u < next + shift).then_some(Place { u, half, departure: next, seen: true })
 }

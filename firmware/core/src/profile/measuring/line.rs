@@ -67,7 +67,7 @@ struct Width {
 
 impl Width {
     const fn sigmas(tenths: u32) -> Self {
-        let square_q8 = (tenths * tenths << 8) / 100;
+        let square_q8 = ((tenths * tenths) << 8) / 100;
         Self { square_q8, inverse: (1 << 24) / square_q8 }
     }
 }
@@ -127,15 +127,17 @@ pub fn weigh(samples: &mut [Sample], noise: &Noise, slope_q14: i32) -> u32 {
 /// Nothing when fewer than 3 samples are within the gate or all lie at one distance.
 pub fn fit(samples: &[Sample], line: &Line, shift: u32, gate: Gate) -> Option<Fit> {
     let (mut sum_w, mut sum_wu, mut sum_we, mut sum_wuu, mut sum_wue) = (0i32, 0i64, 0i64, 0i64, 0i64);
-    let (mut count, mut chi2_q12, mut effective_q12) = (0u32, 0u64, 0u32);
+    let (mut count, mut chi2_q12, mut effective_q12) = (0u32, 0u32, 0u32);
     for sample in samples {
         let e = line.residual(sample);
         if e.unsigned_abs() >= 1 << 15 {
             continue;
         }
         let base = u32::from(sample.weight);
-        // e^2 / variance with 8 fraction bits: (e^2 >> shift) weight / 2^20, both factors scaled.
-        let ratio_q8 = ((u64::from((e * e) as u32 >> shift) * u64::from(base)) >> 12).min(1 << 15) as u32;
+        // e^2 / variance with 8 fraction bits: (e^2 >> shift) weight / 2^20. A square that would not fit 32 bits then is that of a
+        // residual of 16 times the least sigma of the fit and more.
+        let square = ((e * e) as u32 >> shift).min((1 << 20) - 1);
+        let ratio_q8 = (square * base) >> 12;
         let width = if e > 0 { gate.above } else { gate.below };
         if ratio_q8 >= width.square_q8 {
             continue;
@@ -152,7 +154,8 @@ pub fn fit(samples: &[Sample], line: &Line, shift: u32, gate: Gate) -> Option<Fi
         sum_wue += i64::from(wu) * i64::from(e);
         count += 1;
         effective_q12 += tukey_q12;
-        chi2_q12 += (u64::from(tukey_q12) * u64::from(ratio_q8)) >> 8;
+        // Below 2^12 x 2^13 a sample: 401 of them, shifted, stay below 2^27.
+        chi2_q12 += (tukey_q12 * ratio_q8) >> 8;
     }
     if count < 3 || sum_w <= 0 {
         return None;
@@ -177,7 +180,7 @@ pub fn fit(samples: &[Sample], line: &Line, shift: u32, gate: Gate) -> Option<Fi
         count,
         slope_variance: Magnitude::new(1, scale - 2 * ARM_BITS as i32).over(Magnitude::new(spread as u64, 0)),
         height_variance: Magnitude::new(1, scale).over(Magnitude::new(sum_w as u64, 0)),
-        chi2_q8: ((chi2_q12 * TRIM_Q8) >> 12) as u32,
+        chi2_q8: ((u64::from(chi2_q12) * TRIM_Q8) >> 12) as u32,
         effective_q8: effective_q12 >> 4,
     })
 }

@@ -78,8 +78,9 @@ pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Wo
         longest: limits.max_length_um >> GRAIN_BITS,
         obstruction: (limits.obstruction_um >> GRAIN_BITS).clamp(1, (1 << 15) - 1),
     };
-    let start = departure - sample::millimetres(500);
-    let from = sample::inward_of(samples, road.fit.line.place_at(start));
+    // The threshold hides the slope's first samples from the departure: they belong to its run.
+    let from = sample::inward_of(samples, road.fit.line.place_at(departure - sample::millimetres(500)));
+    let start = departure - sample::millimetres(100);
     let mut noise = road.noise;
     let Some(adjacent) = slope::measure(samples, (from, start), &wanted(false), &mut noise) else {
         return side;

@@ -46,7 +46,7 @@ pub struct Run {
     pub score: i32,
 }
 
-/// The best line among the candidates and its run over `samples`, all of them beyond `start`.
+/// The best line among the candidates, which begin at `start` or beyond, and its run over `samples`.
 pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) -> Option<(Line, Run)> {
     let mut finalists = [(Line::default(), 0i32); FINALISTS];
     mark_raised(samples, wanted);
@@ -55,7 +55,7 @@ pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) 
     for (i, a) in samples.iter().enumerate() {
         // A stray may lie anywhere: it does not end the search.
         let skipped = i < settled || (i < thinned && i % 3 != 0);
-        if skipped || a.u > start + START_REACH || a.weight == RAISED {
+        if skipped || a.u < start || a.u > start + START_REACH || a.weight == RAISED {
             continue;
         }
         let along = samples.get(i..).unwrap_or_default();
@@ -76,7 +76,8 @@ pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) 
                 continue;
             }
             let line = Line { u: a.u, z: a.z, slope_q30: slope_q14 << 16 };
-            let weakest = finalists.last().map_or(0, |f| f.1);
+            // Less than half of the best is not worth following to the end.
+            let weakest = finalists.last().map_or(0, |f| f.1).max(finalists.first().map_or(0, |f| f.1) / 2);
             let found = run_from(along, &line, wanted, noise, weakest);
             let span = (found.last - found.first) as i32 + 1;
             if span >= 10 && found.score > span * THINNED_SCORE {
@@ -141,10 +142,10 @@ fn admit(finalists: &mut [(Line, i32); FINALISTS], line: Line, outer: i32, score
     *held = (line, score);
     // Best first; equal scores keep their order.
     for k in (1..=place).rev() {
-        if let Some([upper, lower]) = finalists.get_mut(k - 1..=k) {
-            if lower.1 > upper.1 {
-                core::mem::swap(upper, lower);
-            }
+        if let Some([upper, lower]) = finalists.get_mut(k - 1..=k)
+            && lower.1 > upper.1
+        {
+            core::mem::swap(upper, lower);
         }
     }
 }
@@ -165,7 +166,7 @@ const SETTLED_SCORE: i32 = 230;
 const THINNED_SCORE: i32 = 180;
 
 /// A run that begins with the first sample is over when it has lost this much.
-const DROP: i32 = 600;
+const DROP: i32 = 450;
 
 /// What a sample earns for a line; nothing when it lies beyond the obstruction distance.
 #[inline(always)]

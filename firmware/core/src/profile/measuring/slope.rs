@@ -62,10 +62,10 @@ impl Found {
         let first = inward_of(samples, self.fit.line.place_at(start.u));
         let past = inward_of(samples, self.fit.line.place_at(end.u));
         let Some(part) = samples.get_mut(first..past) else { return };
-        if let Some(fit) = refit::<STEPS>(part, &self.fit.line, noise) {
-            if fit.count >= LEAST_SAMPLES.min(self.fit.count) {
-                self.fit = fit;
-            }
+        if let Some(fit) = refit::<STEPS>(part, &self.fit.line, noise)
+            && fit.count >= LEAST_SAMPLES.min(self.fit.count)
+        {
+            self.fit = fit;
         }
     }
 }
@@ -133,8 +133,8 @@ fn marks(part: &[Sample], found: &Found, noise: &Noise, obstruction: i32) -> u16
     if astray >= 3 || dark {
         marks |= flags::OBSTRUCTED;
     }
-    // Fewer than half of what is there agrees, or too little is there to tell a slope from chance.
-    if 2 * on < count || found.fit.count < 6 || interval(&found.fit) > DOUBTFUL_HALF_Q30 {
+    // Too few of what is there agrees, or too little is there to tell a slope from chance.
+    if 20 * on < 11 * count || found.fit.count < 6 || interval(&found.fit) > DOUBTFUL_HALF_Q30 {
         marks |= flags::DOUBTFUL;
     }
     marks
