@@ -29,17 +29,26 @@ fn main() -> ExitCode {
     }
     let Some(command) = Cli::parse().command else {
         let printed = Cli::command().print_help();
-        return if printed.is_ok_and(|()| true) { ExitCode::SUCCESS } else { ExitCode::FAILURE };
+        return if printed.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE };
     };
     match command.run() {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Lost) => ExitCode::from(3),
         Err(error) if broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("crossfall: {error:#}");
+            eprintln!("crossfall: {}", line(&error));
             ExitCode::FAILURE
         }
     }
+}
+
+/// The error and its causes in one line; a cause that the error before it has told already is not told again.
+fn line(error: &anyhow::Error) -> String {
+    error.chain().map(ToString::to_string).fold(String::new(), |told, cause| match told.as_str() {
+        "" => cause,
+        before if before.ends_with(&cause) => told,
+        before => format!("{before}: {cause}"),
+    })
 }
 
 fn broken_pipe(error: &anyhow::Error) -> bool {

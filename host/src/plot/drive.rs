@@ -44,12 +44,12 @@ pub fn drive(series: &[Series], title: &str, theme: Theme) -> Result<String, Err
 fn legend(area: &DrawingArea<SVGBackend<'_>, Shift>, colours: &Palette, truth: bool) -> Result<(), Error> {
     let y = 56;
     area.draw(&Circle::new((34, y), 3, colours.points.filled()))?;
-    area.draw(&Text::new("measured, one scan each", (46, y - 9), text(16, colours.text)))?;
+    area.draw(&Text::new("measured, one scan each", (46, y - 6), text(16, colours.text)))?;
     area.draw(&Rectangle::new([(250, y - 7), (274, y + 7)], colours.points.mix(0.3).filled()))?;
-    area.draw(&Text::new("95 % interval", (282, y - 9), text(16, colours.text)))?;
+    area.draw(&Text::new("95 % interval", (282, y - 6), text(16, colours.text)))?;
     if truth {
-        area.draw(&PathElement::new([(410, y), (434, y)], colours.adjacent.stroke_width(2)))?;
-        area.draw(&Text::new("truth", (442, y - 9), text(16, colours.text)))?;
+        area.draw(&PathElement::new([(410, y), (434, y)], truth_style(colours)))?;
+        area.draw(&Text::new("truth", (442, y - 6), text(16, colours.text)))?;
     }
     Ok(())
 }
@@ -90,6 +90,11 @@ fn draw(
         mesh.x_labels(12).x_label_formatter(&|_| String::new());
     }
     mesh.draw()?;
+    // Wide and underneath: the points lie on it, or visibly do not.
+    if !series.truth.is_empty() {
+        let line = series.truth.iter().map(|&(x, slope)| (x, slope.clamp(low, high)));
+        chart.draw_series(LineSeries::new(line, truth_style(colours)))?;
+    }
     for stretch in stretches(&series.measured) {
         let upper = stretch.iter().map(|&(x, slope, half)| (x, (slope + half).clamp(low, high)));
         let lower = stretch.iter().rev().map(|&(x, slope, half)| (x, (slope - half).clamp(low, high)));
@@ -97,11 +102,11 @@ fn draw(
     }
     let inside = series.measured.iter().filter(|m| (low..=high).contains(&m.1));
     chart.draw_series(inside.map(|&(x, slope, _)| Circle::new((x, slope), 1, colours.points.filled())))?;
-    if !series.truth.is_empty() {
-        let line = series.truth.iter().map(|&(x, slope)| (x, slope.clamp(low, high)));
-        chart.draw_series(LineSeries::new(line, colours.adjacent.stroke_width(2)))?;
-    }
     Ok(())
+}
+
+fn truth_style(colours: &Palette) -> ShapeStyle {
+    colours.adjacent.mix(0.45).stroke_width(6)
 }
 
 /// The least and greatest of some values, at least `least` apart, with a share of room around.

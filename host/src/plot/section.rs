@@ -7,7 +7,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::{Error, Theme, signed, text};
+use super::{Error, Palette, Theme, signed, text};
 use crate::profiles::degrees;
 use crate::section::{Place, Section};
 
@@ -32,8 +32,9 @@ fn draw(area: &DrawingArea<SVGBackend<'_>, Shift>, section: &Section, title: &st
     let (reach, low, high) = bounds(section);
     area.draw(&Text::new(title.to_owned(), (24, 18), text(24, colours.text)))?;
     let exaggeration = (2.0 * reach / f64::from(SIZE.0 - 110)) / ((high - low) / f64::from(SIZE.1 - 190));
-    let note = format!("seen from behind; heights drawn {exaggeration:.1} times");
-    area.draw(&Text::new(note, (24, 48), text(16, colours.faint)))?;
+    let note = format!("seen from behind, heights exaggerated {exaggeration:.1} times");
+    area.draw(&Text::new(note, (24, 48), text(16, colours.text)))?;
+    legend(area, &colours)?;
 
     let plot = area.margin(110, 16, 20, 30);
     // The axis runs from left to right on the paper, the vehicle's y from right to left.
@@ -60,17 +61,9 @@ fn draw(area: &DrawingArea<SVGBackend<'_>, Shift>, section: &Section, title: &st
     let dots = |places: &[Place], size: i32, style: ShapeStyle| -> Vec<_> {
         places.iter().filter(within).map(|&(y, z)| Circle::new((-y, z), size, style)).collect()
     };
-    chart
-        .draw_series(dots(&section.raw, 2, colours.faint.stroke_width(1)))?
-        .label("as measured")
-        .legend(move |at| Circle::new((at.0 + 10, at.1), 3, colours.faint.stroke_width(1)));
-    chart
-        .draw_series(dots(&section.levelled, 2, colours.points.filled()))?
-        .label("levelled beam by beam")
-        .legend(move |at| Circle::new((at.0 + 10, at.1), 3, colours.points.filled()));
+    chart.draw_series(dots(&section.raw, 2, colours.faint.stroke_width(1)))?;
+    chart.draw_series(dots(&section.levelled, 2, colours.points.filled()))?;
 
-    let key =
-        |colour: RGBColor| move |at: (i32, i32)| PathElement::new([at, (at.0 + 20, at.1)], colour.stroke_width(3));
     let sides = [(&section.profile.left, true), (&section.profile.right, false)];
     let mut lines: [Vec<Line>; 3] = Default::default();
     let mut marks = Vec::new();
@@ -83,39 +76,51 @@ fn draw(area: &DrawingArea<SVGBackend<'_>, Shift>, section: &Section, title: &st
             list.extend(line);
         }
     }
-    for (list, colour, name) in [
-        (&lines[0], colours.road, "road"),
-        (&lines[1], colours.adjacent, "adjacent slope"),
-        (&lines[2], colours.opposing, "opposing slope"),
-    ] {
+    for (list, colour) in [(&lines[0], colours.road), (&lines[1], colours.adjacent), (&lines[2], colours.opposing)] {
         let paths =
             list.iter().map(|line| PathElement::new([flip(line.inner), flip(line.outer)], colour.stroke_width(3)));
-        chart.draw_series(paths.collect::<Vec<_>>())?.label(name).legend(key(colour));
+        chart.draw_series(paths.collect::<Vec<_>>())?;
     }
 
-    // The edges, and each slope's value over the middle of its line.
+    // The edges above the road; each slope's value under its line, on the side to which the line rises.
     let span = high - low;
     for (place, colour, left) in marks {
         let at = flip(place);
-        let foot = (at.0, at.1 - span * 0.16);
-        chart.draw_series([PathElement::new([(at.0, at.1 + span * 0.03), foot], colour.stroke_width(1))])?;
-        let anchor = Pos::new(if left { HPos::Left } else { HPos::Right }, VPos::Top);
+        let top = (at.0, at.1 + span * 0.17);
+        chart.draw_series([PathElement::new([(at.0, at.1 - span * 0.03), top], colour.stroke_width(1))])?;
+        let anchor = Pos::new(if left { HPos::Left } else { HPos::Right }, VPos::Bottom);
         let label = format!("edge {} m", signed(place.0, 2));
-        chart.draw_series([Text::new(label, foot, text(16, colour).pos(anchor))])?;
+        chart.draw_series([Text::new(label, top, text(16, colour).pos(anchor))])?;
     }
     for (list, colour) in [(&lines[1], colours.adjacent), (&lines[2], colours.opposing)] {
         for line in list {
-            let middle = ((line.inner.0 + line.outer.0) / -2.0, (line.inner.1 + line.outer.1) / 2.0 + span * 0.07);
-            let anchor = Pos::new(HPos::Center, VPos::Bottom);
+            let (from, to) = (flip(line.inner), flip(line.outer));
+            let rises_right = (to.1 - from.1) * (to.0 - from.0) > 0.0;
+            let (shift, align) = if rises_right { (0.012, HPos::Left) } else { (-0.012, HPos::Right) };
+            let middle = ((from.0 + to.0) / 2.0 + 2.0 * reach * shift, (from.1 + to.1) / 2.0 - span * 0.01);
+            let anchor = Pos::new(align, VPos::Top);
             chart.draw_series([Text::new(line.label.clone(), middle, text(18, colour).pos(anchor))])?;
         }
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::UpperMiddle)
-        .background_style(colours.ground.mix(0.85))
-        .label_font(text(16, colours.text))
-        .draw()?;
+    Ok(())
+}
+
+/// What the marks mean, in a row above the picture.
+fn legend(area: &DrawingArea<SVGBackend<'_>, Shift>, colours: &Palette) -> Result<(), Error> {
+    let y = 86;
+    let name = |at: i32, name: &str| Text::new(name.to_owned(), (at, y - 6), text(16, colours.text));
+    area.draw(&Circle::new((32, y), 3, colours.faint.stroke_width(1)))?;
+    area.draw(&name(42, "as measured"))?;
+    area.draw(&Circle::new((162, y), 3, colours.points.filled()))?;
+    area.draw(&name(172, "levelled beam by beam"))?;
+    for (at, colour, what) in [
+        (372, colours.road, "road"),
+        (458, colours.adjacent, "adjacent slope"),
+        (618, colours.opposing, "opposing slope, with 95 % intervals"),
+    ] {
+        area.draw(&PathElement::new([(at, y), (at + 22, y)], colour.stroke_width(3)))?;
+        area.draw(&name(at + 30, what))?;
+    }
     Ok(())
 }
 

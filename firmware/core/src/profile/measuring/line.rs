@@ -2,8 +2,8 @@
 //!
 //! A fit corrects a line that is nearly right: with residuals e of the old line, it solves for the change of slope and
 //! height. So the residuals carry the precision and the sums can be kept short: distances along the line are counted in
-//! units of 8 grains (64 micrometres; 2^19 is the scanner's whole reach), weights in 12 bits, residuals in 18: 401 products w u e stay
-//! below 2^58. The line's reference is moved to the weighted centroid, where slope and height are uncorrelated.
+//! units of 32 grains (0.26 mm; 2^18 are more than twice the scanner's reach), weights in 12 bits, residuals in 15: 401 products w u u stay
+//! below 2^57, w u e below 2^54. The line's reference is moved to the weighted centroid, where slope and height are uncorrelated.
 
 use super::magnitude::Magnitude;
 use super::sample::{Noise, Sample};
@@ -105,6 +105,9 @@ impl Fit {
     }
 }
 
+/// log2 of the grains in a unit of distance from a line's reference.
+const ARM_BITS: u32 = 5;
+
 /// Weighs every sample by its variance about a line of this slope; returns the common shift that [`fit`] wants.
 ///
 /// A weight is 2^20 / (variance >> shift), below 2^12, where the shift leaves 8 or 9 bits of the least variance.
@@ -140,8 +143,8 @@ pub fn fit(samples: &[Sample], line: &Line, shift: u32, gate: Gate) -> Option<Fi
         let keep_q12 = 4096 - ((ratio_q8 * width.inverse) >> 12);
         let tukey_q12 = (keep_q12 * keep_q12) >> 12;
         let w = ((base * tukey_q12) >> 12) as i32;
-        let u = (sample.u - line.u) >> 3;
-        let wu = w * u.clamp(-(1 << 18), 1 << 18);
+        let u = (sample.u - line.u) >> ARM_BITS;
+        let wu = w * u;
         sum_w += w;
         sum_wu += i64::from(wu);
         sum_we += i64::from(w) * i64::from(e);
@@ -161,10 +164,10 @@ pub fn fit(samples: &[Sample], line: &Line, shift: u32, gate: Gate) -> Option<Fi
     if spread <= 0 {
         return None;
     }
-    // Both to 31 bits at most; the quotient is a change of slope in grains a 8 grains.
+    // Both to 31 bits at most; the quotient is a change of slope in grains a 32 grains.
     let excess = 33u32.saturating_sub(spread.leading_zeros());
-    let turn_q30 = (((lean >> excess) << 27) / (spread >> excess).max(1)).clamp(-(1 << 30), 1 << 30);
-    let u = line.u + (mean_u << 3) as i32;
+    let turn_q30 = (((lean >> excess) << (30 - ARM_BITS)) / (spread >> excess).max(1)).clamp(-(1 << 30), 1 << 30);
+    let u = line.u + (mean_u << ARM_BITS) as i32;
     let slope_q30 = (i64::from(line.slope_q30) + turn_q30).clamp(-(1 << 31) + 1, (1 << 31) - 1) as i32;
     let fitted = Line { u, z: line.height_at(u) + mean_e as i32, slope_q30 };
     // weight = 2^(20 + shift) / variance.
@@ -172,7 +175,7 @@ pub fn fit(samples: &[Sample], line: &Line, shift: u32, gate: Gate) -> Option<Fi
     Some(Fit {
         line: fitted,
         count,
-        slope_variance: Magnitude::new(1, scale - 6).over(Magnitude::new(spread as u64, 0)),
+        slope_variance: Magnitude::new(1, scale - 2 * ARM_BITS as i32).over(Magnitude::new(spread as u64, 0)),
         height_variance: Magnitude::new(1, scale).over(Magnitude::new(sum_w as u64, 0)),
         chi2_q8: ((chi2_q12 * TRIM_Q8) >> 12) as u32,
         effective_q8: effective_q12 >> 4,

@@ -44,8 +44,6 @@ impl Workspace {
 pub struct Scan<'a> {
     /// The levelled returns.
     pub points: &'a Points,
-    /// Number of the beam that looks straight down.
-    pub down_beam: u16,
     /// Micrometres in the scanner's unit: ranges are rounded to it.
     pub unit_um: i32,
 }
@@ -53,10 +51,9 @@ pub struct Scan<'a> {
 /// Measures one side of a scan.
 pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Workspace) -> Side {
     let inner = road::INNER;
-    let down_beam = scan.down_beam as i16;
     match outward {
-        Outward::Left => sample::take(scan.points.iter(), outward, down_beam, inner, &mut work.samples),
-        Outward::Right => sample::take(scan.points.iter().rev(), outward, down_beam, inner, &mut work.samples),
+        Outward::Left => sample::take(scan.points.iter(), outward, inner, &mut work.samples),
+        Outward::Right => sample::take(scan.points.iter().rev(), outward, inner, &mut work.samples),
     }
     let mut side = Side::default();
     let prior = prior_noise(survey, scan.unit_um);
@@ -150,10 +147,11 @@ impl Section {
 
     /// Settles road and slopes between their hinges and fills in what was found.
     fn report(mut self, side: &mut Side, samples: &mut [Sample], falling: &Wanted, rising: &Wanted) {
-        self.settle::<1>(samples);
-        let edge = hinge::edge(&self.road.fit, self.departure, &self.adjacent);
-        self.road.settle(samples, edge.u);
         self.settle::<2>(samples);
+        for _ in 0..2 {
+            let edge = hinge::edge(&self.road.fit, self.departure, &self.adjacent);
+            self.road.settle(samples, edge.u);
+        }
         let Hinges { edge, foot, facing } = self.hinges(samples);
         side.edge = Some(edge.message(self.outward));
         if self.adjacent.within(&edge, &foot, falling) {

@@ -17,8 +17,8 @@ const LEAST_SCORE: i32 = 1_100;
 const LEAST_SAMPLES: u32 = 5;
 
 /// Pseudo-observations of the assumed noise against the slope's own residuals: in the roughness, and in the interval.
-const ROUGHNESS_PRIOR: u32 = 8;
-const INTERVAL_PRIOR: u32 = 12;
+const ROUGHNESS_PRIOR: u32 = 3;
+const INTERVAL_PRIOR: u32 = 6;
 
 /// A slope with what its neighbours need to know.
 #[derive(Clone, Copy, Debug)]
@@ -31,23 +31,26 @@ pub struct Found {
 /// Finds and measures the slope that is `wanted`, from sample `from` on, which is `start` outward; keeps what its residuals say about the noise.
 pub fn measure(
     samples: &mut [Sample],
-   
+
     (from, start): (usize, i32),
     wanted: &Wanted,
     noise: &mut Noise,
 ) -> Option<Found> {
     let beyond = samples.get_mut(from..)?;
-    let (mut line, mut run) = search::find(beyond, start, wanted, noise)?;
+    let (line, mut run) = search::find(beyond, start, wanted, noise)?;
     if run.score < LEAST_SCORE {
         return None;
     }
     let part = beyond.get_mut(run.first..=run.last)?;
-    let first_pass = refit::<2>(part, &line, noise)?;
-    *noise = roughened(noise, &first_pass, part);
-    line = first_pass.line;
-    run = search::run(beyond, &line, wanted, noise);
+    let mut found = refit::<1>(part, &line, noise)?;
+    // What the residuals say of the roughness decides which of them count: once more, and again on the run that results.
+    *noise = roughened(noise, &found, part);
+    found = refit::<1>(part, &found.line, noise)?;
+    *noise = roughened(noise, &found, part);
+    run = search::run(beyond, &found.line, wanted, noise);
     let part = beyond.get_mut(run.first..=run.last)?;
-    let fit = refit::<1>(part, &line, noise)?;
+    let fit = refit::<1>(part, &found.line, noise)?;
+    *noise = roughened(noise, &fit, part);
     let run = Run { first: run.first + from, last: run.last + from, score: run.score };
     Some(Found { fit, run })
 }
@@ -119,7 +122,7 @@ fn marks(part: &[Sample], found: &Found, noise: &Noise, obstruction: i32) -> u16
         } else if e > 0 {
             above += 1;
         }
-        dark |= previous.is_some_and(|p| sample.beam - p.beam > SHADOW_BEAMS);
+        dark |= previous.is_some_and(|p| sample.beam.abs_diff(p.beam) > SHADOW_BEAMS);
         previous = Some(sample);
     }
     let count = part.len() as u32;
@@ -138,7 +141,7 @@ fn marks(part: &[Sample], found: &Found, noise: &Noise, obstruction: i32) -> u16
 }
 
 /// This many beams in a row without a return on a slope are a shadow rather than chance.
-const SHADOW_BEAMS: i16 = 6;
+const SHADOW_BEAMS: u16 = 6;
 
 /// An interval wider than +/-0.5 degrees.
 const DOUBTFUL_HALF_Q30: u32 = 9_370_000;
