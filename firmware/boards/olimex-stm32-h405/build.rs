@@ -12,4 +12,6 @@ fn main() {
     for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {
         println!("cargo:rustc-link-arg-bins={argument}");
     }
+    // The bench keeps its state on the stack, which may be all of the core-coupled RAM there.
+    println!("cargo:rustc-link-arg-bin=crossfall-bench=--defsym=_stack_start=0x10010000");
 }
