@@ -11,16 +11,10 @@ use super::sample::{Noise, Sample, millimetres};
 /// The first anchor lies within this of where the search starts.
 const START_REACH: i32 = millimetres(4_500);
 
-/// Distances between the two samples of a candidate: at least these, a factor of the square root of two apart, so that
-/// for a slope of any length some pairs span half of it and more.
-const BASES: [i32; 6] = [
-    millimetres(1_100),
-    millimetres(1_550),
-    millimetres(2_200),
-    millimetres(3_100),
-    millimetres(4_400),
-    millimetres(6_200),
-];
+/// Distances between the two samples of a candidate: at least these, a factor of 1.5 apart, so that for a slope of any
+/// length some pairs span half of it and more.
+const BASES: [i32; 5] =
+    [millimetres(1_100), millimetres(1_700), millimetres(2_500), millimetres(3_800), millimetres(5_700)];
 
 /// Candidates that are scored on all samples.
 const FINALISTS: usize = 3;
@@ -163,7 +157,7 @@ fn grow(samples: &mut [Sample], line: &Line, wanted: &Wanted, noise: &Noise) -> 
 /// A run that earns this much a sample is what there is to find along its line ...
 const SETTLED_SCORE: i32 = 230;
 /// ... and one that earns this much may still be a mixture of slope and vegetation.
-const THINNED_SCORE: i32 = 180;
+const THINNED_SCORE: i32 = 130;
 
 /// A run that begins with the first sample is over when it has lost this much.
 const DROP: i32 = 450;
