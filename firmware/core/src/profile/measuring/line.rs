@@ -19,6 +19,9 @@ pub struct Line {
     pub slope_q30: i32,
 }
 
+/// Lines closer to parallel than this, about 0.1 degrees, meet nowhere in particular.
+const LEAST_TURN_Q30: u64 = 1 << 21;
+
 impl Line {
     pub fn height_at(&self, u: i32) -> i32 {
         self.z + ((i64::from(u - self.u) * i64::from(self.slope_q30)) >> 30) as i32
@@ -38,25 +41,25 @@ impl Line {
         self.slope_q30 >> 16
     }
 
-    /// Where two lines meet; nothing when they are within about 0.1 degrees of parallel.
+    /// Where two lines meet; nothing when they are nearly parallel.
     pub fn meets(&self, other: &Self) -> Option<i32> {
-        let turn = other.slope_q30 - self.slope_q30;
-        if turn.abs() < 1 << 21 {
+        let turn = i64::from(other.slope_q30) - i64::from(self.slope_q30);
+        let size = turn.unsigned_abs();
+        if size < LEAST_TURN_Q30 {
             return None;
         }
-        let gap = i64::from(self.height_at(other.u) - other.z);
-        Some((i64::from(other.u) + (gap << 30) / i64::from(turn)).clamp(-(1 << 24), 1 << 24) as i32)
+        let gap = i64::from(self.height_at(other.u)) - i64::from(other.z);
+        let away = ((gap.unsigned_abs() << 30) / size.max(LEAST_TURN_Q30)) as i64;
+        let away = if (gap < 0) == (turn < 0) { away } else { -away };
+        Some((i64::from(other.u) + away).clamp(-(1 << 24), 1 << 24) as i32)
     }
 }
 
 /// How far residuals count in a fit: Tukey's biweight, wider below than above because vegetation is above.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Gate {
-    above: Width,
-    below: Width,
-}
+const ABOVE: Width = Width::sigmas(35);
+const BELOW: Width = Width::sigmas(45);
 
-/// One side of a gate.
+/// How wide a gate is on one side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Width {
     /// Its square in variances, 8 fraction bits.
@@ -72,12 +75,7 @@ impl Width {
     }
 }
 
-impl Gate {
-    /// 3.5 sigma above, 4.5 below.
-    pub const TUKEY: Self = Self { above: Width::sigmas(35), below: Width::sigmas(45) };
-}
-
-/// Tukey weights take more of the large residuals than of the small ones: for normal errors and [`Gate::TUKEY`] the
+/// Tukey weights take more of the large residuals than of the small ones: for normal errors and these gates the
 /// weighted mean square is 1/1.3076 of the variance (numerical integration). 8 fraction bits.
 const TRIM_Q8: u64 = 335;
 
@@ -108,27 +106,27 @@ impl Fit {
 /// log2 of the grains in a unit of distance from a line's reference.
 const ARM_BITS: u32 = 5;
 
-/// Weighs every sample by its variance about a line of this slope; returns the common shift that [`fit`] wants.
+/// Weighs every `stride`-th sample by its variance about a line of this slope; returns the common shift that [`fit`] wants.
 ///
 /// A weight is 2^20 / (variance >> shift), below 2^12, where the shift leaves 8 or 9 bits of the least variance.
-pub fn weigh(samples: &mut [Sample], noise: &Noise, slope_q14: i32) -> u32 {
+pub fn weigh(samples: &mut [Sample], stride: usize, noise: &Noise, slope_q14: i32) -> u32 {
     // The variance along a line changes slowly and one way: the least is at an end, or near it.
     let (first, last) = (samples.first(), samples.last());
     let least = first.into_iter().chain(last).map(|s| noise.variance(s, slope_q14)).min().unwrap_or(1 << 8);
     let shift = 23u32.saturating_sub(least.leading_zeros());
-    for sample in samples {
+    for sample in samples.iter_mut().step_by(stride) {
         let scaled = noise.variance(sample, slope_q14) >> shift;
         sample.weight = ((1 << 20) / scaled.max(1)).min(4095) as u16;
     }
     shift
 }
 
-/// One step of iteratively reweighted least squares from `line`, over samples that [`weigh`] has weighed with `shift`.
+/// One step of iteratively reweighted least squares from `line`, over the samples that [`weigh`] has weighed, which gave `shift`.
 /// Nothing when fewer than 3 samples are within the gate or all lie at one distance.
-pub fn fit(samples: &[Sample], line: &Line, shift: u32, gate: Gate) -> Option<Fit> {
+pub fn fit(samples: &[Sample], stride: usize, line: &Line, shift: u32) -> Option<Fit> {
     let (mut sum_w, mut sum_wu, mut sum_we, mut sum_wuu, mut sum_wue) = (0i32, 0i64, 0i64, 0i64, 0i64);
     let (mut count, mut chi2_q12, mut effective_q12) = (0u32, 0u32, 0u32);
-    for sample in samples {
+    for sample in samples.iter().step_by(stride) {
         let e = line.residual(sample);
         if e.unsigned_abs() >= 1 << 15 {
             continue;
@@ -138,7 +136,7 @@ pub fn fit(samples: &[Sample], line: &Line, shift: u32, gate: Gate) -> Option<Fi
         // residual of 16 times the least sigma of the fit and more.
         let square = ((e * e) as u32 >> shift).min((1 << 20) - 1);
         let ratio_q8 = (square * base) >> 12;
-        let width = if e > 0 { gate.above } else { gate.below };
+        let width = if e > 0 { ABOVE } else { BELOW };
         if ratio_q8 >= width.square_q8 {
             continue;
         }

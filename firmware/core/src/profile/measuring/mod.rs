@@ -28,14 +28,13 @@ pub use sample::Outward;
 #[derive(Debug, Default)]
 pub struct Workspace {
     samples: Samples,
-    thin: road::Thin,
 }
 
 impl Workspace {
     /// An empty workspace.
     #[must_use]
     pub const fn new() -> Self {
-        Self { samples: Samples::new(), thin: road::Thin::new() }
+        Self { samples: Samples::new() }
     }
 }
 
@@ -57,7 +56,7 @@ pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Wo
     }
     let mut side = Side::default();
     let prior = prior_noise(survey, scan.unit_um);
-    let Some(road) = road::find(&mut work.samples, prior, &mut work.thin) else {
+    let Some(road) = road::find(&mut work.samples, prior) else {
         side.flags = flags::NO_ROAD;
         return side;
     };

@@ -5,7 +5,7 @@
 //! below it much, and three in a row beyond the obstruction distance end the run. So a run decides its own ends. All candidates
 //! are scored on the anchors, the best few on all samples.
 
-use super::line::{Gate, Line, fit, weigh};
+use super::line::{Line, fit, weigh};
 use super::sample::{Noise, Sample, millimetres};
 
 /// The first anchor lies within this of where the search starts.
@@ -148,8 +148,8 @@ fn admit(finalists: &mut [(Line, i32); FINALISTS], line: Line, outer: i32, score
 fn grow(samples: &mut [Sample], line: &Line, wanted: &Wanted, noise: &Noise) -> Option<(Line, Run)> {
     let first = run(samples, line, wanted, noise);
     let part = samples.get_mut(first.first..=first.last)?;
-    let shift = weigh(part, noise, line.slope_q14());
-    let once = fit(part, line, shift, Gate::TUKEY)?.line;
+    let shift = weigh(part, 1, noise, line.slope_q14());
+    let once = fit(part, 1, line, shift)?.line;
     let grown = run(samples, &once, wanted, noise);
     Some(if grown.score > first.score { (once, grown) } else { (*line, first) })
 }

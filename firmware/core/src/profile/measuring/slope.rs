@@ -4,7 +4,7 @@ use crossfall_protocol::Angle;
 use crossfall_protocol::message::{Slope, flags};
 
 use super::hinge::Place;
-use super::line::{Fit, Gate, Line, fit, weigh};
+use super::line::{Fit, Line, fit, weigh};
 use super::magnitude::Magnitude;
 use super::sample::{GRAIN_BITS, Noise, Outward, Sample, inward_of};
 use super::search::{self, Run, Wanted};
@@ -72,10 +72,10 @@ impl Found {
 
 /// Reweighted steps with weights of the present noise.
 fn refit<const STEPS: usize>(part: &mut [Sample], line: &Line, noise: &Noise) -> Option<Fit> {
-    let shift = weigh(part, noise, line.slope_q14());
-    let mut fitted = fit(part, line, shift, Gate::TUKEY)?;
+    let shift = weigh(part, 1, noise, line.slope_q14());
+    let mut fitted = fit(part, 1, line, shift)?;
     for _ in 1..STEPS {
-        fitted = fit(part, &fitted.line, shift, Gate::TUKEY)?;
+        fitted = fit(part, 1, &fitted.line, shift)?;
     }
     Some(fitted)
 }
