@@ -29,7 +29,7 @@ pub use monitor::Monitor;
 
 /// Where the board's stack lies (its `memory.x`).
 const STACK_END: u32 = 0x1000_0000;
-const STACK_SIZE: u32 = 64 * 1024;
+const STACK_SIZE: u32 = 16 * 1024;
 
 /// Introduces a captured counter value on UART5 (the board's `pulse.rs`).
 const CAPTURED: u8 = 0xa5;

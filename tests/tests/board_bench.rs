@@ -47,7 +47,18 @@ fn host_run(folder: &Path, scans: u32) -> io::Result<()> {
 /// One run of the bench over `bench.wire`: what it prints.
 fn bench(image: &Path, folder: &Path, scans: u32) -> String {
     let mut qemu = Command::new("qemu-system-arm")
-        .args(["-M", "olimex-stm32-h405", "-display", "none", "-monitor", "none", "-serial", "null", "-icount", "shift=0"])
+        .args([
+            "-M",
+            "olimex-stm32-h405",
+            "-display",
+            "none",
+            "-monitor",
+            "none",
+            "-serial",
+            "null",
+            "-icount",
+            "shift=0",
+        ])
         .args(["-semihosting-config", "enable=on,target=native", "-kernel"])
         .arg(image)
         .current_dir(folder)
@@ -74,7 +85,8 @@ fn bench(image: &Path, folder: &Path, scans: u32) -> String {
 
 #[test]
 fn instructions_are_within_bounds_and_results_equal_to_the_hosts() {
-    let scans = std::env::var("CROSSFALL_BENCH_SCANS").ok().map_or(SCANS, |text| text.parse().expect("a number of scans"));
+    let scans =
+        std::env::var("CROSSFALL_BENCH_SCANS").ok().map_or(SCANS, |text| text.parse().expect("a number of scans"));
     let scratch = tempfile::tempdir().expect("a scratch folder");
     host_run(scratch.path(), scans).expect("a run on the host");
     let image = image(Image::Bench);

@@ -34,14 +34,22 @@ pub fn running_board() -> (Emulator, Scanner) {
     (board, scanner)
 }
 
-/// Stops the survey; the status after it, which counts everything.
+/// Stops the survey and waits until every scan has its profile; the status after that, which counts everything.
 pub fn stop(board: &mut Emulator) -> Status {
     let from = board.link.len();
     board.command(&Command::Stop).expect("a running board");
+    let limit = Duration::from_secs(60);
     let stopped = |message: &Message<'_>| matches!(message, Message::Session(Session::Stopped(_))).then_some(());
-    let (at, ()) = board.link.wait_for(from, Duration::from_secs(30), stopped).expect("the survey stops");
+    board.link.wait_for(from, limit, stopped).expect("the survey stops");
+    let scans = board.link.collect(|message| matches!(message, Message::Scan(_)).then_some(())).len();
+    let mut profiles = 0;
+    let last = |message: &Message<'_>| {
+        profiles += usize::from(matches!(message, Message::Profile(_)));
+        (profiles == scans).then_some(())
+    };
+    let (at, ()) = board.link.wait_for(0, limit, last).expect("a profile for every scan");
     let status = |message: &Message<'_>| if let Message::Status(status) = message { Some(*status) } else { None };
-    board.link.wait_for(at, Duration::from_secs(30), status).expect("a status").1
+    board.link.wait_for(at, limit, status).expect("a status").1
 }
 
 /// Everything that the board has sent, as a log.

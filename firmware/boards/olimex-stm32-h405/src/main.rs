@@ -16,6 +16,7 @@
 mod clocks;
 mod emulation;
 mod fault;
+mod in_place;
 mod log;
 mod pins;
 mod pulse;
@@ -26,7 +27,6 @@ mod watchdog;
 
 use core::cell::RefCell;
 use core::fmt::Write as _;
-use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::scb::SystemHandler;
@@ -133,7 +133,7 @@ async fn acquisition(parts: Parts) {
     static OUTBOX: StaticCell<Outbox<'static>> = StaticCell::new();
     static SHARED: StaticCell<Shared<'static>> = StaticCell::new();
     let queue = &*QUEUED.init_with(Queue::new);
-    let decode = build(DECODE.uninit(), || decode_at_boot(&config, identity));
+    let decode = in_place::decode(DECODE.uninit(), &config, &identity);
     let outbox = OUTBOX.init_with(|| Outbox::new(queue));
     let shared = &*SHARED.init_with(|| RefCell::new(Acquisition::new(decode, outbox, work)));
 
@@ -167,25 +167,6 @@ async fn acquisition(parts: Parts) {
     spawner.spawn(feed(watchdog).expect("spawned once"));
     spawner.spawn(watch_stack(shared).expect("spawned once"));
     defmt::info!("{} on {}, boot {}, {}", FIRMWARE, BOARD, restart.boot, clocks.source);
-}
-
-/// Builds one of the two largest states where it will stay.
-///
-/// Not inlined: `place` is then known to alias nothing, and the compiler lets `make` write its result there. Otherwise it would be built on
-/// the stack, which is smaller, and moved. A test bounds the stack's high-water mark.
-#[inline(never)]
-fn build<T>(place: &mut MaybeUninit<T>, make: impl FnOnce() -> T) -> &mut T {
-    place.write(make())
-}
-
-#[inline(never)]
-fn decode_at_boot(config: &Config, identity: Identity) -> Decode {
-    Decode::new(*config, identity)
-}
-
-#[inline(never)]
-fn survey_at_boot() -> Survey {
-    Survey::new()
 }
 
 /// What of the start is not as it should be goes into the stream.
@@ -244,7 +225,7 @@ async fn feed(watchdog: Peri<'static, IWDG>) {
 #[embassy_executor::task]
 async fn survey_task(work: WorkReceiver<'static>) {
     static STATE: StaticCell<Survey> = StaticCell::new();
-    survey::survey(build(STATE.uninit(), survey_at_boot), work, PROFILES.sender()).await
+    survey::survey(in_place::survey(STATE.uninit()), work, PROFILES.sender()).await
 }
 
 #[embassy_executor::task]

@@ -155,7 +155,8 @@ impl Bench {
             let RawScan { index, stx, layout, mode, status, counters, ref values } = **scan;
             let points = &mut self.points;
             let config = Config::default();
-            self.level.measure(self.overhead, || level(scan, &RollTrack::constant(Angle::ZERO), &config.scanner, points));
+            self.level
+                .measure(self.overhead, || level(scan, &RollTrack::constant(Angle::ZERO), &config.scanner, points));
             let mut out = [0; MAX_CODE];
             let code = self.ranges.measure(self.overhead, || ranges::encode(layout, mode, values, &mut out));
             self.wrong += u32::from(code != theirs.code);
