@@ -214,8 +214,14 @@ impl Container {
         }
         if opcode == op::FOOTER || (length > room && opcode != op::CHUNK) {
             self.closed = true;
-            let what = format!("a record of {length} bytes, of which the file holds {room}");
-            return Some(Err(self.damaged(offset, what)));
+            // With nothing to read behind it, it is the file's end that is missing and not a length that is wrong.
+            return Some(Err(match self.chunk_from(offset + 1) {
+                Err(error) => error,
+                Ok(None) => self.cut(format!("inside of the record that began at byte {offset}")),
+                Ok(Some(_)) => {
+                    self.damaged(offset, format!("a record of {length} bytes, of which the file holds {room}"))
+                }
+            }));
         }
         if opcode == op::CHUNK && length > room {
             let mut head = vec![0; CHUNK_HEAD_MAX.min((self.size - offset) as usize)];
@@ -239,8 +245,17 @@ impl Container {
     /// The search begins inside of the record before the damage, since it may be its length that is wrong.
     /// A chunk is known by its header: plausible lengths that agree with each other, times in order, a known compression.
     pub fn resume(&mut self) -> Result<Option<u64>, Error> {
+        let found = self.chunk_from(self.last + 1)?;
+        if let Some(place) = found {
+            (self.position, self.last, self.closed) = (place, place, false);
+        }
+        Ok(found)
+    }
+
+    /// The first byte from `from` on at which a chunk begins.
+    fn chunk_from(&mut self, from: u64) -> Result<Option<u64>, Error> {
         const WINDOW: usize = 1 << 16;
-        let mut base = self.last + 1;
+        let mut base = from;
         let mut window = vec![0; WINDOW + CHUNK_HEAD_MAX];
         while base < self.size {
             let length = window.len().min(usize::try_from(self.size - base).unwrap_or(usize::MAX));
@@ -248,10 +263,7 @@ impl Container {
             self.read_at(base, bytes)?;
             let found = (0..length.min(WINDOW)).find(|&i| begins_chunk(&bytes[i..], self.size - base - i as u64));
             if let Some(i) = found {
-                self.position = base + i as u64;
-                self.last = self.position;
-                self.closed = false;
-                return Ok(Some(self.position));
+                return Ok(Some(base + i as u64));
             }
             base += WINDOW as u64;
         }

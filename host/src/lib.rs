@@ -1,15 +1,20 @@
 //! The crossfall host: logs, verification, profiles, maps.
 #![forbid(unsafe_code)]
 
+pub mod accuracy;
+pub mod calibrate;
 pub mod capture;
-pub mod commands;
 pub mod config;
 pub mod container;
+pub mod import;
+pub mod info;
 pub mod interrupt;
 pub mod log;
 pub mod output;
+pub mod plot;
 pub mod profiles;
 pub mod run;
+pub mod section;
 pub mod simulate;
 pub mod stream;
 pub mod terrain;

@@ -61,7 +61,10 @@ impl Output {
                 // As for any new file: the umask takes its bits away. A temporary file alone would be private.
                 builder.permissions(fs::Permissions::from_mode(0o666));
             }
-            Target::Renamed { file: BufWriter::new(builder.tempfile_in(folder).map_err(|e| wrap(bare(&e)))?), to }
+            Target::Renamed {
+                file: BufWriter::new(builder.tempfile_in(folder).map_err(|e| wrap(bare(&e, folder)))?),
+                to,
+            }
         };
         Ok(Self { path: path.to_path_buf(), target })
     }
@@ -94,12 +97,9 @@ impl Output {
 }
 
 /// The error without the temporary name that `tempfile` adds: the user knows the file by its own.
-fn bare(error: &io::Error) -> io::Error {
-    let inner = error.get_ref().and_then(|e| e.source()).and_then(|e| e.downcast_ref::<io::Error>());
-    match inner.unwrap_or(error).raw_os_error() {
-        Some(code) => io::Error::from_raw_os_error(code),
-        None => io::Error::from(error.kind()),
-    }
+fn bare(error: &io::Error, folder: &Path) -> io::Error {
+    // A folder that is not there is the usual reason; the system's own words for it are the clearest.
+    fs::read_dir(folder).err().unwrap_or_else(|| io::Error::from(error.kind()))
 }
 
 /// Writes a whole file at once, with [`Output`]'s promise.

@@ -62,6 +62,7 @@ pub struct Attitude {
 
 /// Which algorithm selects and measures the slopes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Method {
     /// Bounded-loss selection and robust fit on the raw levelled points.
     Measuring,

@@ -87,6 +87,7 @@ impl Scan<'_> {
 
 /// How a scan is to be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ScanMode {
     /// Angle of the whole scan in degrees: 180 or 100.
     pub span_deg: u8,
@@ -136,6 +137,7 @@ pub struct Fix {
 
 /// One edge of the pulse per second.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Pulse {
     /// The edge.
     pub time: DeviceTime,
@@ -145,6 +147,7 @@ pub struct Pulse {
 
 /// What the clock made of a pulse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum PulseVerdict {
     /// It continues the second count.
     Accepted,
@@ -156,6 +159,7 @@ pub enum PulseVerdict {
 
 /// The mapping between device time and GPS time: `gps = gps_us + (device - anchor) * (1 - drift)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ClockState {
     /// Device time of the anchor.
     pub anchor: DeviceTime,
@@ -307,6 +311,7 @@ pub struct Status {
 
 /// Counters of one sensor line. `bytes` = bytes of good frames + `skipped` + those of a frame under way.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LineCounters {
     /// Bytes received.
     pub bytes: u64,
@@ -334,6 +339,7 @@ pub struct LogLine<'a> {
 
 /// Gravity of a log line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Level {
     /// Something failed.
     Error,
@@ -347,6 +353,7 @@ pub enum Level {
 
 /// The answer to a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Reply {
     /// The sequence number of the command's frame.
     pub to: u16,
@@ -356,6 +363,7 @@ pub struct Reply {
 
 /// What came of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Outcome {
     /// Done.
     Done,
@@ -379,6 +387,7 @@ pub enum Skip {
 
 /// A border of the survey.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Session {
     /// The survey begins with empty histories.
     Started(DeviceTime),

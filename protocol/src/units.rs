@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 ///
 /// One unit is 8.4e-8 degrees. The range read as signed is -180 degrees (included) to +180 (excluded).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[serde(transparent)]
 pub struct Angle(pub i32);
 
@@ -66,6 +67,7 @@ impl Neg for Angle {
 
 /// Microseconds since the board booted. 64 bits last 584,000 years: never wraps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[serde(transparent)]
 pub struct DeviceTime(pub u64);
 

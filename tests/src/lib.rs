@@ -1,6 +1,9 @@
 //! What the end-to-end tests share.
 #![forbid(unsafe_code)]
 
+pub mod emulator;
+pub mod lms_emulator;
+
 use std::path::PathBuf;
 
 /// A folder of the real recordings, or `None`, said on the test's output, where there are none.

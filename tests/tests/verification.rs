@@ -102,7 +102,11 @@ fn a_missing_frame_is_told_where_the_sequence_jumps() {
     let problem = &report.problems[0];
     assert_eq!((problem.frame, problem.what.as_str()), (hit as u64, "3 frames missing before this one"));
     assert!(problem.offset > 0);
-    assert!(report.problems.iter().all(|problem| !problem.what.contains("does not recompute")), "{:?}", report.problems);
+    assert!(
+        report.problems.iter().all(|problem| !problem.what.contains("does not recompute")),
+        "{:?}",
+        report.problems
+    );
 }
 
 #[test]
@@ -159,7 +163,10 @@ fn time_that_goes_back_is_told() {
     let report = verified(&frames, scratch.path());
     let said: Vec<_> = report.problems.iter().map(|problem| (problem.frame, problem.what.as_str())).collect();
     assert_eq!(said.len(), 2, "{said:?}");
-    assert!(said[0].0 == hit as u64 && said[0].1.contains("time goes back") && said[0].1.contains("status"), "{said:?}");
+    assert!(
+        said[0].0 == hit as u64 && said[0].1.contains("time goes back") && said[0].1.contains("status"),
+        "{said:?}"
+    );
     assert!(said[1].0 == hit as u64 + 5 && said[1].1.contains("receive time goes back"), "{said:?}");
 }
 

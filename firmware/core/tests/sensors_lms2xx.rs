@@ -1,4 +1,4 @@
-//! The scanner's telegrams, one kind at a time: what each byte means (TL, replies; SENSORS' tables).
+//! The scanner's telegrams, one kind at a time: what each byte means (TL, replies).
 
 use crossfall_core::protocol::DeviceTime;
 use crossfall_core::scan::RawScan;

@@ -1,4 +1,132 @@
-//! One file a subcommand: its arguments and what it does.
+//! One file a subcommand; its first comment is its manual.
 
-pub mod reproduce_terrain;
-pub mod risk;
+mod calibrate;
+mod completions;
+mod config;
+mod demo;
+mod import;
+mod info;
+mod plot;
+mod profiles;
+mod progress;
+mod reproduce;
+mod reproduce_terrain;
+mod risk;
+mod run;
+mod simulate;
+mod terrain_scene;
+mod verify;
+
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use clap::{Parser, Subcommand};
+use crossfall_core::protocol::Config;
+
+/// Measures the slopes beside a road from a moving vehicle.
+///
+/// A board timestamps a laser scanner and an inertial unit, takes the vehicle's roll out of every scan and finds the road, its edge
+/// and the slopes beyond. This program logs what the board sends, proves the log, and turns drives into tables and pictures; it also
+/// runs the board's own code over captures and simulates drives.
+#[derive(Parser)]
+#[command(
+    version,
+    max_term_width = 100,
+    after_help = "\
+Begin with: crossfall demo
+
+Exit status: 0 done, 1 failed, 2 usage, 3 done but data was lost or did not verify."
+)]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Option<Command>,
+}
+
+#[derive(Subcommand)]
+pub enum Command {
+    Demo(demo::Args),
+    Simulate(simulate::Args),
+    Import(import::Args),
+    Run(run::Args),
+    Verify(verify::Args),
+    Profiles(profiles::Args),
+    Calibrate(calibrate::Args),
+    Plot(plot::Args),
+    Risk(risk::Args),
+    Reproduce(reproduce::Args),
+    Info(info::Args),
+    Config(config::Args),
+    Completions(completions::Args),
+}
+
+/// How a command that did its work ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// With everything whole.
+    Done,
+    /// With data lost on the way, or not verified.
+    Lost,
+}
+
+impl Outcome {
+    fn lost_if(lost: bool) -> Self {
+        if lost { Self::Lost } else { Self::Done }
+    }
+}
+
+impl Command {
+    pub fn run(self) -> anyhow::Result<Outcome> {
+        match self {
+            Self::Demo(args) => demo::run(&args),
+            Self::Simulate(args) => simulate::run(&args),
+            Self::Import(args) => import::run(&args),
+            Self::Run(args) => run::run(&args),
+            Self::Verify(args) => verify::run(&args),
+            Self::Profiles(args) => profiles::run(&args),
+            Self::Calibrate(args) => calibrate::run(&args),
+            Self::Plot(args) => plot::run(&args),
+            Self::Risk(args) => risk::run(&args),
+            Self::Reproduce(args) => reproduce::run(&args),
+            Self::Info(args) => info::run(&args),
+            Self::Config(args) => config::run(&args),
+            Self::Completions(args) => completions::run(&args),
+        }
+    }
+}
+
+/// The configuration of a file, or the defaults.
+fn configuration(file: Option<&Path>) -> anyhow::Result<Config> {
+    Ok(file.map(crossfall::config::read).transpose()?.unwrap_or_default())
+}
+
+/// Prints data. Unlike `print!` it does not panic when nobody reads on.
+fn say(text: &str) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    out.write_all(text.as_bytes())?;
+    out.write_all(b"\n")?;
+    out.flush()
+}
+
+/// Prints data for machines.
+fn say_json(value: &impl serde::Serialize) -> anyhow::Result<()> {
+    Ok(say(&serde_json::to_string_pretty(value)?)?)
+}
+
+/// Tells the user something that is not data.
+macro_rules! tell {
+    ($($arg:tt)*) => {{
+        use std::io::Write;
+        // A closed stderr must not end the work.
+        let _ = writeln!(std::io::stderr(), $($arg)*);
+    }};
+}
+use tell;
+
+/// Refuses to write a file over one that is read.
+fn distinct(inputs: &[&Path], output: &Path) -> anyhow::Result<()> {
+    let real = |path: &Path| path.canonicalize().unwrap_or_else(|_| PathBuf::from(path));
+    for input in inputs {
+        anyhow::ensure!(real(input) != real(output), "{}: is read, and cannot be written as well", output.display());
+    }
+    Ok(())
+}

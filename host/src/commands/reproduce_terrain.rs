@@ -1,4 +1,4 @@
-//! `reproduce terrain`: the second seed's evaluation, and what lies beyond it, on simulated drives.
+//! `crossfall reproduce terrain`: the second seed's evaluation, and what lies beyond it, on simulated drives.
 //!
 //! Prints one table of curbs, one of bumps and one of moving bodies, and writes occupancy against distance (the seed's figure 3) as
 //! `occupancy.csv` and `occupancy.svg`.
@@ -6,21 +6,21 @@
 use std::fmt::Write as _;
 use std::fs;
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 use anyhow::{Context, Result};
-use clap::Args;
+use crossfall::output;
+use crossfall::terrain::conventional::tuned;
+use crossfall::terrain::curve;
+use crossfall::terrain::drive::TerrainScene;
+use crossfall::terrain::evaluation::{DISTANCES, Judged, judge};
+use crossfall::terrain::ghosts::ghosts;
+use crossfall::terrain::scene::{Bump, GradeKnot};
 
-use crate::output;
-use crate::terrain::conventional::tuned;
-use crate::terrain::drive::TerrainScene;
-use crate::terrain::evaluation::{DISTANCES, Judged, judge};
-use crate::terrain::ghosts::ghosts;
-use crate::terrain::scene::{Bump, GradeKnot};
+use super::{Outcome, say};
 
-/// The second seed's evaluation on simulated drives
-#[derive(Debug, Args)]
-pub struct ReproduceTerrainArgs {
+/// The evaluation of the driving risk map: curbs by distance, bumps, false risk, moving bodies
+#[derive(clap::Args)]
+pub struct Args {
     /// Folder for occupancy.csv and occupancy.svg; made if there is none
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
@@ -33,8 +33,7 @@ pub struct ReproduceTerrainArgs {
 }
 
 /// The scenes, by name.
-#[must_use]
-pub fn scenes(seed: u64) -> Vec<(String, TerrainScene)> {
+fn scenes(seed: u64) -> Vec<(String, TerrainScene)> {
     let base = || TerrainScene { seed, frames: 36, ..TerrainScene::default() };
     let mut all = Vec::new();
     for (name, curb, heading, speed) in [
@@ -74,19 +73,15 @@ pub fn scenes(seed: u64) -> Vec<(String, TerrainScene)> {
     all
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// Output that cannot be written.
-pub fn run(args: &ReproduceTerrainArgs) -> Result<ExitCode> {
-    println!(
+pub fn run(args: &Args) -> Result<Outcome> {
+    say(&format!(
         "{:<38} {:>9} {:>10} {:>9} {:>10} {:>7} {:>9} {:>5}",
         "scene", "occupied", "impassable", "conv. occ", "conv. imp", "false %", "elev. mm", "curb"
-    );
+    ))?;
     let mut first: Option<Judged> = None;
     for (name, scene) in scenes(args.seed).into_iter().filter(|(name, _)| name.contains(&args.only)) {
         let judged = judge(&scene, 6, Some(tuned()))?;
-        println!(
+        say(&format!(
             "{name:<38} {:>7} m {:>8} m {:>7} m {:>8} m {:>7.3} {:>9.1} {:>4.0}%",
             judged.map.occupied_to(),
             judged.map.impassable_to(),
@@ -95,15 +90,15 @@ pub fn run(args: &ReproduceTerrainArgs) -> Result<ExitCode> {
             100.0 * judged.false_cells.0 as f64 / judged.false_cells.1.max(1) as f64,
             judged.elevation_rms_m * 1e3,
             100.0 * judged.curb_told,
-        );
+        ))?;
         for bump in &judged.bumps {
-            println!(
+            say(&format!(
                 "    bump of {:.0} cm at {:.0} m: risky over {:.0} % of its length, {:.0} % of that told a bump",
                 bump.height_m * 100.0,
                 bump.distance_m,
                 100.0 * bump.share,
                 100.0 * bump.told
-            );
+            ))?;
         }
         if first.is_none() || name.contains("12 cm curb, 0 deg") {
             first = Some(judged);
@@ -111,7 +106,7 @@ pub fn run(args: &ReproduceTerrainArgs) -> Result<ExitCode> {
     }
     if args.only.is_empty() || "moving".contains(&args.only) {
         for ghost in ghosts(args.seed)? {
-            println!("{:<38} {} of {} cells visible for 1 s still risky", ghost.name, ghost.risky, ghost.visible);
+            say(&format!("{:<38} {} of {} cells visible for 1 s still risky", ghost.name, ghost.risky, ghost.visible))?;
         }
     }
     if let (Some(folder), Some(judged)) = (&args.output, &first) {
@@ -121,7 +116,7 @@ pub fn run(args: &ReproduceTerrainArgs) -> Result<ExitCode> {
             writeln!(table, "{distance},{map:.4},{other:.4}")?;
         }
         output::write(&folder.join("occupancy.csv"), table.as_bytes())?;
-        crate::terrain::curve::draw(judged, &folder.join("occupancy.svg"))?;
+        curve::draw(judged, &folder.join("occupancy.svg"))?;
     }
-    Ok(ExitCode::SUCCESS)
+    Ok(Outcome::Done)
 }

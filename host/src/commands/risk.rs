@@ -7,23 +7,28 @@
 
 use std::fs;
 use std::path::PathBuf;
-use std::process::ExitCode;
 use std::time::Instant;
 
 use anyhow::{Context, Result, anyhow, bail};
-use clap::Args;
+use crossfall::interrupt;
+use crossfall::terrain::frames::FrameFolder;
+use crossfall::terrain::lidar::SensorPose;
+use crossfall::terrain::mapper::{Mapper, Workshop};
+use crossfall::terrain::picture::{View, draw};
+use crossfall::terrain::raster::Raster;
 use crossfall_core::terrain::{Decision, FrameReport, Refusal, TerrainConfig};
 
-use crate::interrupt;
-use crate::terrain::frames::FrameFolder;
-use crate::terrain::lidar::SensorPose;
-use crate::terrain::mapper::{Mapper, Workshop};
-use crate::terrain::picture::{View, draw};
-use crate::terrain::raster::Raster;
+use super::progress::Progress;
+use super::{Outcome, say, say_json, tell};
 
 /// Elevation and driving risk maps (GeoTIFF, PNG, CSV of cells) from 3-D LiDAR frames
-#[derive(Debug, Args)]
-pub struct RiskArgs {
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  crossfall simulate --terrain -o frames
+  crossfall risk frames -o maps --csv
+  crossfall risk frames -o maps --at 20 --series 5 --live")]
+pub struct Args {
     /// Folder with velodyne/NNNNNN.bin and poses.txt; times.txt, calib.txt and objects.csv are used where there are any
     frames: PathBuf,
     /// Folder for the maps; made if there is none
@@ -93,11 +98,7 @@ struct Summary {
     map_bytes: usize,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// Input that cannot be used at all, output that cannot be written.
-pub fn run(args: &RiskArgs) -> Result<ExitCode> {
+pub fn run(args: &Args) -> Result<Outcome> {
     let folder = FrameFolder::open(&args.frames)?;
     let last = args.at.unwrap_or(folder.len() - 1);
     if last >= folder.len() {
@@ -122,6 +123,7 @@ pub fn run(args: &RiskArgs) -> Result<ExitCode> {
     let mut mapper = workshop.open().map_err(|what| anyhow!("the map cannot be set up: {what:?}"))?;
     mapper.keep_behind(!args.window);
 
+    let progress = Progress::new("risk", last as u64 + 1);
     let mut points = Vec::new();
     let mut times = Vec::new();
     let mut vehicle = None;
@@ -130,8 +132,9 @@ pub fn run(args: &RiskArgs) -> Result<ExitCode> {
             bail!("interrupted");
         }
         summary.frames += 1;
+        progress.at(index as u64);
         if let Err(error) = folder.points(index, &mut points) {
-            eprintln!("frame {index}: left out: {error}");
+            tell!("frame {index}: left out: {error}");
             summary.refused += 1;
             continue;
         }
@@ -140,14 +143,14 @@ pub fn run(args: &RiskArgs) -> Result<ExitCode> {
         let report = mapper.integrate(&points, pose, folder.step_us(index), folder.boxes(index));
         let ms = started.elapsed().as_secs_f64() * 1e3;
         summary.account(&report);
-        tell(index, &report);
+        tell_frame(index, &report);
         if report.refused.is_none() {
             times.push(ms);
             vehicle = Some(*pose);
         }
         if args.live {
             let counts = &report.points;
-            eprintln!(
+            tell!(
                 "frame {index}: {ms:.2} ms, {} points, {} fused, {} standing, {} tiles refreshed, lift {:+.1} mm, \
                  tilt {:+.2} {:+.2} mm/m",
                 counts.given,
@@ -170,6 +173,7 @@ pub fn run(args: &RiskArgs) -> Result<ExitCode> {
             }
         }
     }
+    drop(progress);
     let Some(vehicle) = vehicle else { bail!("none of the {} frames could be used", summary.frames) };
     mapper.refresh();
     write_maps(args, &mapper, &vehicle, &mut summary)?;
@@ -178,7 +182,7 @@ pub fn run(args: &RiskArgs) -> Result<ExitCode> {
     summary.ms_per_frame_worst = times[times.len() - 1];
     summary.print(args.json)?;
     let lost = summary.refused > 0 || summary.points_over_capacity > 0;
-    Ok(ExitCode::from(if lost { 3 } else { 0 }))
+    Ok(Outcome::lost_if(lost))
 }
 
 fn around(pose: &SensorPose, range: f32) -> View {
@@ -187,7 +191,7 @@ fn around(pose: &SensorPose, range: f32) -> View {
     View { centre: [ahead(0), ahead(1)], half: [0.6 * range, 0.6 * range], zoom: 1 }
 }
 
-fn write_maps(args: &RiskArgs, mapper: &Mapper<'_>, vehicle: &SensorPose, summary: &mut Summary) -> Result<()> {
+fn write_maps(args: &Args, mapper: &Mapper<'_>, vehicle: &SensorPose, summary: &mut Summary) -> Result<()> {
     let raster = Raster::of(mapper).ok_or_else(|| anyhow!("the frames hold no ground"))?;
     for (_, _, cell) in raster.iter() {
         summary.cells += 1;
@@ -210,7 +214,7 @@ fn write_maps(args: &RiskArgs, mapper: &Mapper<'_>, vehicle: &SensorPose, summar
 }
 
 /// Says on stderr what was wrong with a frame.
-fn tell(index: usize, report: &FrameReport) {
+fn tell_frame(index: usize, report: &FrameReport) {
     let why = match report.refused {
         None if report.restarted => "the map begins anew: the vehicle went on from elsewhere",
         None => return,
@@ -219,7 +223,7 @@ fn tell(index: usize, report: &FrameReport) {
         Some(Refusal::NoPoints) => "left out: no usable point",
         Some(Refusal::Misfit) => "left out: it does not lie on the map",
     };
-    eprintln!("frame {index}: {why}");
+    tell!("frame {index}: {why}");
 }
 
 impl Summary {
@@ -234,14 +238,21 @@ impl Summary {
 
     fn print(&self, json: bool) -> Result<()> {
         if json {
-            println!("{}", serde_json::to_string_pretty(self)?);
-            return Ok(());
+            return say_json(self);
         }
-        println!("frames       {} of {} mapped, {} left out", self.mapped, self.frames, self.refused);
-        println!("points       {}, {} not finite, {} over capacity", self.points, self.points_not_finite, self.points_over_capacity);
-        println!("cells        {}: {} slow down, {} stop", self.cells, self.cells_slow, self.cells_stop);
-        println!("time         {:.2} ms a frame (median), {:.2} worst", self.ms_per_frame_median, self.ms_per_frame_worst);
-        println!("memory       {:.1} MB, constant", self.map_bytes as f64 * 1e-6);
-        Ok(())
+        let lines = [
+            format!("frames       {} of {} mapped, {} left out", self.mapped, self.frames, self.refused),
+            format!(
+                "points       {}, {} not finite, {} over capacity",
+                self.points, self.points_not_finite, self.points_over_capacity
+            ),
+            format!("cells        {}: {} slow down, {} stop", self.cells, self.cells_slow, self.cells_stop),
+            format!(
+                "time         {:.2} ms a frame (median), {:.2} worst",
+                self.ms_per_frame_median, self.ms_per_frame_worst
+            ),
+            format!("memory       {:.1} MB, constant", self.map_bytes as f64 * 1e-6),
+        ];
+        Ok(say(&lines.join("\n"))?)
     }
 }

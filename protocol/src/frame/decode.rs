@@ -256,6 +256,7 @@ impl Flavor for Comparison<'_> {
         self.try_extend(&[byte])
     }
 
+    #[inline(never)]
     fn try_extend(&mut self, bytes: &[u8]) -> postcard::Result<()> {
         self.rest = self.rest.strip_prefix(bytes).ok_or(postcard::Error::SerializeBufferFull)?;
         Ok(())

@@ -70,11 +70,14 @@ impl<'a> FrameWriter<'a> {
         Self { cobs: CobsEncoder::new(out), crc: CRC.digest() }
     }
 
+    /// Kept out of line: one copy of the COBS encoder instead of one in every field's serialiser.
+    #[inline(never)]
     fn push(&mut self, bytes: &[u8]) -> postcard::Result<()> {
         // An empty push is not neutral to the COBS encoder when it stands at the end of a block of 254.
         if bytes.is_empty() {
             return Ok(());
         }
+        self.crc.update(bytes);
         self.cobs.push(bytes).map_err(|_| postcard::Error::SerializeBufferFull)
     }
 }
@@ -87,11 +90,11 @@ impl Flavor for FrameWriter<'_> {
     }
 
     fn try_extend(&mut self, bytes: &[u8]) -> postcard::Result<()> {
-        self.crc.update(bytes);
         self.push(bytes)
     }
 
     fn finalize(mut self) -> postcard::Result<usize> {
+        // What the check itself does to the digest no longer matters.
         let crc = self.crc.clone().finalize();
         self.push(&crc.to_le_bytes())?;
         // Where the last code byte has no room the encoder counts it all the same, and the delimiter finds none either.

@@ -190,10 +190,10 @@ fn write_value(writer: &mut Writer<'_>, state: &mut State, forecast: &Forecast, 
         writer.bits((excess >> 8) & ((1 << bits.saturating_sub(8)) - 1), bits.saturating_sub(8));
         writer.bits(excess & ((1 << bits.min(8)) - 1), bits.min(8));
     }
-    if magnitude > 0 {
-        writer.bits(u32::from(below), 1);
+    let signed = u32::from(magnitude > 0);
+    if scale.shift + signed > 0 {
+        writer.bits(u32::from(below && signed == 1) << scale.shift | place, scale.shift + signed);
     }
-    writer.bits(place, scale.shift);
 }
 
 fn write_symbol(writer: &mut Writer<'_>, scale: Scale, symbol: u32) {
@@ -283,17 +283,18 @@ fn read_value(reader: &mut Reader<'_>, state: &mut State, forecast: &Forecast) -
         let excess = 1 << bits | high << 8 | reader.bits(bits.min(8));
         magnitude = MAGNITUDES - 1 + excess;
     }
-    let below = magnitude > 0 && reader.bits(1) == 1;
-    let place = reader.bits(scale.shift);
+    let signed = u32::from(magnitude > 0);
+    let sign_and_place = reader.bits(scale.shift + signed);
+    let (below, place) = (sign_and_place >> scale.shift == 1, sign_and_place & ((1 << scale.shift) - 1));
     let range = u16::try_from(forecast.range.wrapping_add(scale.join(magnitude, below, place))).ok()?;
     (range < geometry.first_special()).then_some(state.flags | range)
 }
 
 fn read_symbol(reader: &mut Reader<'_>, scale: Scale) -> u32 {
     let place = reader.peek();
-    let shares = SHARES.get(scale.row).copied().unwrap_or([0; SHARES[0].len()]);
+    let shares = SHARES.get(scale.row).map_or(&[][..], |row| &row[..]);
     let (mut start, mut symbol) = (0, 0);
-    for share in shares.into_iter().map(u32::from) {
+    for share in shares.iter().copied().map(u32::from) {
         if place < start + share {
             reader.take(start, share);
             break;

@@ -6,6 +6,8 @@
 //! H - shift (a - b)/(2 step). Least squares over all odd beams, twice, each time without those that a line does
 //! not explain, give the shift; what is left over gives the noise.
 
+use super::MAX_VALUES;
+
 /// What helps to code a scan.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Estimate {
@@ -29,46 +31,54 @@ pub fn noise(index: u32) -> u32 {
 
 /// Estimate from the ranges, `is_range` telling which values are any; `interlaced` when the odd beams may be turned.
 pub fn estimate(values: &[u16], interlaced: bool, is_range: impl Fn(u16) -> bool) -> Estimate {
-    let odd_beams = || {
-        values.windows(3).step_by(2).filter_map(|beams| {
-            let &[a, beam, b] = beams else { return None };
-            if ![a, beam, b].into_iter().all(&is_range) {
-                return None;
-            }
-            let (a, b) = (u32::from(a), u32::from(b));
+    let mut odd_beams = [(0_i32, 0_i32); MAX_VALUES / 2];
+    let mut count = 0;
+    for beams in values.windows(3).step_by(2) {
+        let (&[a, beam, b], Some(place)) = (beams, odd_beams.get_mut(count)) else { continue };
+        if !(is_range(a) && is_range(beam) && is_range(b)) {
+            continue;
+        }
+        let (a, b) = (u32::from(a), u32::from(b));
+        let slant = a as i32 - b as i32;
+        if slant.unsigned_abs() * 5 <= a + b {
             // Both are ranges, below 2^15: the product is below 2^31.
             let mean = 2 * a * b / (a + b).max(1);
-            let slant = a as i32 - b as i32;
-            (slant.unsigned_abs() * 5 <= a + b).then_some((slant, mean as i32 - i32::from(beam)))
-        })
-    };
-    let fit = |keep: &dyn Fn(i32, i32) -> bool| {
-        let (mut across, mut along) = (0_i64, 0_i64);
-        for (slant, miss) in odd_beams().filter(|&(slant, miss)| keep(slant, miss)) {
+            *place = (slant, mean as i32 - i32::from(beam));
+            count += 1;
+        }
+    }
+    let odd_beams = odd_beams.get(..count).unwrap_or_default();
+    let mut turn = 0;
+    if interlaced {
+        turn = fit(odd_beams, |slant, miss| miss.abs() <= (slant.abs() >> 2) + 40);
+        turn = fit(odd_beams, |slant, miss| left(slant, miss, turn) <= near(slant));
+    }
+    let shift = ((i64::from(turn) * TWO_STEPS) >> 16) as i32;
+    let rest = odd_beams.iter().map(|&(slant, miss)| left(slant, miss, turn).min(near(slant)) as u32);
+    // A deviation from the mean of two neighbours is 1.22 times one's own; 213/256 takes that off.
+    let mean = rest.sum::<u32>() * 213 / (count as u32).max(1);
+    let noise = (0..15).find(|&index| noise(index) + noise(index) / 5 >= mean).unwrap_or(15);
+    Estimate { shift: shift.clamp(-MAX_SHIFT, MAX_SHIFT), noise }
+}
+
+/// Turn of the odd beams in 1/65,536 of two steps, from pairs of slant and miss, those that `keep` keeps.
+fn fit(odd_beams: &[(i32, i32)], keep: impl Fn(i32, i32) -> bool) -> i32 {
+    let (mut across, mut along) = (0_i64, 0_i64);
+    for &(slant, miss) in odd_beams {
+        if keep(slant, miss) {
             across += i64::from(slant) * i64::from(miss);
             along += i64::from(slant) * i64::from(slant);
         }
-        // In 1/65,536 of two steps.
-        (((across << 16) / along.max(1)).clamp(-40_000, 40_000)) as i32
-    };
-    let mut turn = 0;
-    if interlaced {
-        turn = fit(&|slant, miss| miss.abs() <= (slant.abs() >> 2) + 40);
     }
-    let left = |slant: i32, miss: i32| miss - ((i64::from(slant) * i64::from(turn)) >> 16) as i32;
-    let near = |slant: i32, miss: i32| left(slant, miss).abs() <= (slant.abs() >> 5) + 30;
-    if interlaced {
-        turn = fit(&near);
-    }
-    let shift = ((i64::from(turn) * TWO_STEPS) >> 16) as i32;
-    let (mut sum, mut count) = (0_u32, 1_u32);
-    for (slant, miss) in odd_beams() {
-        let rest = miss - ((i64::from(slant) * i64::from(turn)) >> 16) as i32;
-        sum += rest.unsigned_abs().min((slant.unsigned_abs() >> 5) + 30);
-        count += 1;
-    }
-    // A deviation from the mean of two neighbours is 1.22 times one's own; 213/256 takes that off.
-    let mean = sum * 213 / count;
-    let noise = (0..15).find(|&index| noise(index) + noise(index) / 5 >= mean).unwrap_or(15);
-    Estimate { shift: shift.clamp(-MAX_SHIFT, MAX_SHIFT), noise }
+    ((across << 16) / along.max(1)).clamp(-40_000, 40_000) as i32
+}
+
+/// What a turn leaves of a miss. A slant is below 2^15, a turn below 2^16: the product fits.
+fn left(slant: i32, miss: i32, turn: i32) -> i32 {
+    (miss - ((slant * turn) >> 16)).abs()
+}
+
+/// What may be left of it on a line.
+fn near(slant: i32) -> i32 {
+    (slant.abs() >> 5) + 30
 }

@@ -1,12 +1,12 @@
 //! The lossless code of one scan's ranges, on its own: a lost frame costs one scan.
 //!
-//! [`predictor`] foresees each range from those before it, [`residual`] turns the difference into a symbol, [`arithmetic`]
-//! packs symbols by how likely [`shares`] says they are, [`estimate`] finds what to tell the decoder beforehand, and
-//! [`code`] ties them. Any values at all are kept; road sections just take the fewest bytes: about 205 for 361 values
-//! with 3.5 mm of noise and 260 with 10 mm, where noise alone has 164 and 229 (`cargo bench -p crossfall-protocol` and
+//! `predictor` foresees each range from those before it, `residual` turns the difference into a symbol, `arithmetic`
+//! packs symbols by how likely `shares` says they are, `estimate` finds what to tell the decoder beforehand, and
+//! `code` ties them. Any values at all are kept; road sections just take the fewest bytes: about 209 for 361 values
+//! with 3.5 mm of noise and 268 with 10 mm, where noise alone has 164 and 229 (`cargo bench -p crossfall-protocol` and
 //! the test `sizes` measure).
 //!
-//! Bounds: never longer than the values themselves (the fallback), at most 45 symbols a value, 2.3 KiB of
+//! Bounds: never longer than the values themselves (the fallback), at most 60 coder steps a value, 1.8 KiB of
 //! tables, half a KiB of state. Integers only and the same on every target; nothing here can panic.
 
 mod arithmetic;

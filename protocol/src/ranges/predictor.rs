@@ -21,14 +21,14 @@ const LONG: u8 = 24;
 const SHORT: u8 = 3;
 
 /// Gains of the n-th beam of a line, n from 1: alpha = 2(2n-1)/(n(n+1)) and alpha - beta, beta = 6/(n(n+1)), both as
-/// 2^20/15 times the value; the 15 is that of [`NUMERATOR_HIGH`].
+/// 2^18/15 times the value; the 15 is that of [`NUMERATOR_HIGH`].
 const GAINS: [(i32, i32); LONG as usize + 1] = {
     let mut gains = [(0, 0); LONG as usize + 1];
     let mut n = 1;
     while n <= LONG as i32 {
-        let alpha = 2 * (2 * n - 1) * 69_905 / (n * (n + 1));
-        let beta = 6 * 69_905 / (n * (n + 1));
-        gains[n as usize] = if n == 1 { (69_905, 0) } else { (alpha, alpha - beta) };
+        let alpha = 2 * (2 * n - 1) * 17_476 / (n * (n + 1));
+        let beta = 6 * 17_476 / (n * (n + 1));
+        gains[n as usize] = if n == 1 { (17_476, 0) } else { (alpha, alpha - beta) };
         n += 1;
     }
     gains
@@ -63,7 +63,7 @@ pub struct Forecast {
 
 /// The steps of angle of a scan as the trackers need them, for even and odd beams.
 #[derive(Clone, Copy, Debug)]
-pub struct Steps([(i64, i64); 2]);
+pub struct Steps([(u32, u32); 2]);
 
 impl Steps {
     /// Beams `step_cdeg` apart; odd ones lie `shift` further than the even ones say, in 2^-18 rad (at most
@@ -76,19 +76,16 @@ impl Steps {
         let pair = |before: i64, after: i64| {
             let before = sin39(before).max(1);
             // 2 degrees are 2^34.2 of the units: shifted by 28 they stay below 2^63.
-            (
-                (both << 28).unsigned_abs() / before.unsigned_abs(),
-                (sin39(after) << 28).unsigned_abs() / before.unsigned_abs(),
-            )
+            let times_2_28 = |sine: i64| ((sine << 28).unsigned_abs() / before.unsigned_abs()) as u32;
+            (times_2_28(both), times_2_28(sin39(after)))
         };
-        let signed = |(c, k): (u64, u64)| (c as i64, k as i64);
-        Self([signed(pair(step + shift, step - shift)), signed(pair(step - shift, step + shift))])
+        Self([pair(step + shift, step - shift), pair(step - shift, step + shift)])
     }
 }
 
 /// Sine of a small angle, both in 2^-39: x - x^3/6, good to 1e-9 of itself up to 2 degrees.
 fn sin39(x: i64) -> i64 {
-    let square = (x >> 12) * (x >> 12) >> 15;
+    let square = ((x >> 12) * (x >> 12)) >> 15;
     x - (((x >> 12) * (square >> 8)) >> 19) / 6
 }
 
@@ -108,9 +105,11 @@ struct Tracker {
 }
 
 impl Tracker {
-    fn advance(&mut self, (c, k): (i64, i64)) {
+    fn advance(&mut self, (c, k): (u32, u32)) {
         // c is below 6.2 * 2^28 (a shift is at most two thirds of a step), reciprocals below 2^31: products below 2^62.
-        let next = (c * i64::from(self.here) - k * i64::from(self.before)) >> 28;
+        let ahead = u64::from(c) * u64::from(self.here);
+        let behind = u64::from(k) * u64::from(self.before);
+        let next = (ahead as i64 - behind as i64) >> 28;
         self.next = bounded(next);
         let divisor = (self.next >> 4) | 1;
         self.range = ((NUMERATOR_HIGH + divisor / 2) / divisor) as i32;
@@ -120,10 +119,11 @@ impl Tracker {
         self.beams = self.beams.saturating_add(1).min(longest);
         let (level, back) = GAINS.get(usize::from(self.beams)).copied().unwrap_or_default();
         // du = -dr u^2 / NUMERATOR, the 15 of which is in the gains.
-        let square = (u64::from(self.next) * u64::from(self.next)) >> 32;
-        let step = i64::from(miss).wrapping_mul(square as i64) >> 4;
-        let here = i64::from(self.next).wrapping_sub(step.wrapping_mul(i64::from(level)) >> 16);
-        let before = i64::from(self.here).wrapping_sub(step.wrapping_mul(i64::from(back)) >> 16);
+        // Products of a miss beyond 2^15 may wrap: such a miss begins a new line anyway.
+        let square = ((u64::from(self.next) * u64::from(self.next)) >> 32) as u32;
+        let moved =
+            |from: u32, gain: i32| i64::from(from) - ((i64::from(miss.wrapping_mul(gain)) * i64::from(square)) >> 18);
+        let (here, before) = (moved(self.next, level), moved(self.here, back));
         (self.here, self.before) = (bounded(here), bounded(before));
     }
 

@@ -103,10 +103,22 @@ impl Decode {
 
     /// One byte from the scanner and its own arrival.
     pub fn lidar_byte(&mut self, byte: u8, at: DeviceTime, out: &mut impl FnMut(Event<'_>)) {
+        self.hear_lidar(byte, at, &mut |_| {}, out);
+    }
+
+    /// The same for one who brings the scanner up: everything that the scanner says also goes to `heard`.
+    pub fn hear_lidar(
+        &mut self,
+        byte: u8,
+        at: DeviceTime,
+        heard: &mut impl FnMut(&lms2xx::Event<'_>),
+        out: &mut impl FnMut(Event<'_>),
+    ) {
         let running = self.state.running;
         let mut happened = false;
         self.lidar.push(byte, at, &mut |event| {
             happened = true;
+            heard(&event);
             scan_only(&event, running, out);
         });
         if happened {
@@ -114,12 +126,30 @@ impl Decode {
         }
     }
 
+    /// Gives up what the scanner was saying: before its line's rate changes and before a command goes out to it.
+    pub fn cut_lidar(&mut self, out: &mut impl FnMut(Event<'_>)) {
+        let running = self.state.running;
+        self.lidar.finish(&mut |event| scan_only(&event, running, out));
+    }
+
     /// One byte from the inertial unit and its own arrival.
     pub fn ins_byte(&mut self, byte: u8, at: DeviceTime, out: &mut impl FnMut(Event<'_>)) {
+        self.hear_ins(byte, at, &mut |_| {}, out);
+    }
+
+    /// The same for one who brings the unit up.
+    pub fn hear_ins(
+        &mut self,
+        byte: u8,
+        at: DeviceTime,
+        heard: &mut impl FnMut(&novatel::Event),
+        out: &mut impl FnMut(Event<'_>),
+    ) {
         let state = &mut self.state;
         let mut happened = false;
         self.ins.push(byte, at, &mut |event| {
             happened = true;
+            heard(&event);
             state.log(&event.log, out);
         });
         if happened {

@@ -39,7 +39,7 @@ pub fn measure(scan: &RawScan, track: &RollTrack, config: &Config, work: &mut Wo
     scan::level(scan, track, &config.scanner, &mut work.points);
     let (left, right) = match config.survey.method {
         Method::Measuring => {
-            let input = measuring::Scan { points: &work.points, down_beam: down_beam(scan), unit_um: scan.unit_um() };
+            let input = measuring::Scan { points: &work.points, unit_um: scan.unit_um() };
             let left = measuring::measure(&input, measuring::Outward::Left, &config.survey, &mut work.measuring);
             (left, measuring::measure(&input, measuring::Outward::Right, &config.survey, &mut work.measuring))
         }
@@ -74,11 +74,6 @@ fn mirrored(mut side: Side) -> Side {
         turn(&mut slope.end);
     }
     side
-}
-
-/// Number of the beam that looks straight down.
-fn down_beam(scan: &RawScan) -> u16 {
-    (scan.beams() / 2) as u16
 }
 
 /// What is to be said of the scan itself.

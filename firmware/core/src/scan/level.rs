@@ -35,20 +35,23 @@ pub struct Echo {
     pub sin_q14: i16,
 }
 
-/// The returns of one scan in beam order; beams without one are left out.
+/// The returns of one scan from the vehicle's right through straight down to its left, whichever way the scanner is
+/// mounted; beams without one are left out.
 pub type Points = Vec<Echo, MAX_BEAMS>;
 
 /// Levels a scan. `points` is overwritten.
 pub fn level(scan: &RawScan, track: &RollTrack, scanner: &Scanner, points: &mut Points) {
     points.clear();
     let unit_um = scan.unit_um();
-    for (beam, value) in scan.ranges().iter().enumerate() {
-        let Some(units) = range_units(scan.mode.measuring, *value) else { continue };
-        let theta = scan.beam_angle(beam);
+    let ranges = scan.ranges();
+    for place in 0..ranges.len() {
+        let beam = if scanner.mirrored { ranges.len() - 1 - place } else { place };
+        let Some(units) = ranges.get(beam).and_then(|value| range_units(scan.mode.measuring, *value)) else { continue };
+        let theta = beam_angle(scan, beam);
         let seen = if scanner.mirrored { Angle(i32::MIN) - theta } else { theta };
         let direction = trig::direction(seen + track.roll(scan, beam) + scanner.mounting_offset);
         let echo = Echo {
-            point: place(i32::from(units) * unit_um, direction),
+            point: place_at(i32::from(units) * unit_um, direction),
             beam: beam as u16,
             cos_q14: (direction.cos_q30 >> 16) as i16,
             sin_q14: (direction.sin_q30 >> 16) as i16,
@@ -58,8 +61,16 @@ pub fn level(scan: &RawScan, track: &RollTrack, scanner: &Scanner, points: &mut 
     }
 }
 
+/// [`RawScan::beam_angle`] by a product instead of a 64-bit division: 2^32 / 36000 a hundredth of a degree, to nearest.
+fn beam_angle(scan: &RawScan, beam: usize) -> Angle {
+    const PER_CDEG_Q22: u64 = 500_399_958_596;
+    // At most 14,000 + 401 x 100 hundredths: below 2^55.
+    let turned = (u64::from(scan.beam_cdeg(beam)) * PER_CDEG_Q22 + (1 << 21)) >> 22;
+    Angle(turned as u32 as i32)
+}
+
 /// The point at a range (below 2^29) in a direction, rounded to the nearest micrometre.
-fn place(range_um: i32, direction: Direction) -> Point {
+fn place_at(range_um: i32, direction: Direction) -> Point {
     let scaled = |q30: i32| ((i64::from(-range_um) * i64::from(q30) + (1 << 29)) >> 30) as i32;
     Point { y_um: scaled(direction.cos_q30), z_um: scaled(direction.sin_q30) }
 }
@@ -137,6 +148,26 @@ mod tests {
                 assert!((f64::from(echo.cos_q14) - cos * 16_384.0).abs() < 1.1, "cosine of beam {beam}");
             }
         }
+    }
+
+    #[test]
+    fn beam_angles_are_those_of_the_scan() {
+        let mut scan = scan(|_| 1_000);
+        for (span_deg, step_cdeg, layout) in [(180, 50, 361), (180, 100, 181), (100, 25, 401), (180, 50, 181 | 3 << 12)]
+        {
+            scan.mode.span_deg = span_deg;
+            scan.mode.step_cdeg = step_cdeg;
+            scan.layout = layout;
+            assert!((0..scan.beams()).all(|beam| beam_angle(&scan, beam) == scan.beam_angle(beam)), "{step_cdeg}");
+        }
+    }
+
+    #[test]
+    fn a_mirrored_scanner_yields_the_same_points_in_the_same_order() {
+        let points = levelled(&scan(|i| 1_000 + i as u16), &RollTrack::constant(Angle::ZERO), &Scanner::default());
+        let scanner = Scanner { mirrored: true, ..Scanner::default() };
+        let mirrored = levelled(&scan(|i| 1_360 - i as u16), &RollTrack::constant(Angle::ZERO), &scanner);
+        assert!(points.iter().map(|e| e.point).eq(mirrored.iter().map(|e| e.point)));
     }
 
     #[test]

@@ -44,9 +44,50 @@ impl RollTrack {
         let span = usize::from(scan.mode.span_deg).max(1);
         let scaled = place * (KNOTS - 1);
         let knot = (scaled / span).min(KNOTS - 2);
-        let rest = (scaled - knot * span) as i64;
+        let rest = (scaled - knot * span) as i32;
         let (a, b) = (self.knots[turn & (MAX_TURNS - 1)][knot], self.knots[turn & (MAX_TURNS - 1)][knot + 1]);
-        let step = i64::from((b - a).0) * rest;
-        Angle(a.0.wrapping_add(step.div_euclid(span as i64) as i32))
+        // floor(step * rest / span) from quotient and remainder of step: no product exceeds 32 bits, as rest <= span
+        // within the scan (and 401 * 16 for a malformed one, whose quotient may wrap as angles do).
+        let (step, span) = ((b - a).0, span as i32);
+        let whole = step.div_euclid(span).wrapping_mul(rest);
+        let part = step.rem_euclid(span) * rest / span;
+        Angle(a.0.wrapping_add(whole).wrapping_add(part))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crossfall_protocol::DeviceTime;
+    use crossfall_protocol::message::ScanMode;
+
+    use super::*;
+    use crate::scan::MAX_BEAMS;
+
+    #[test]
+    fn roll_between_knots_is_the_exact_interpolation_rounded_down() {
+        let mut track = RollTrack::constant(Angle::ZERO);
+        for (k, knot) in track.knots.iter_mut().flatten().enumerate() {
+            *knot = Angle((k as u32).wrapping_mul(2_654_435_769) as i32);
+        }
+        for (span_deg, step_cdeg, beams) in [(180u8, 50u8, 361u16), (180, 100, 181), (100, 25, 401)] {
+            let scan = RawScan {
+                index: 0,
+                stx: DeviceTime(0),
+                layout: beams,
+                mode: ScanMode { span_deg, step_cdeg, measuring: 6 },
+                status: 0,
+                counters: None,
+                values: [0; MAX_BEAMS],
+            };
+            for beam in 0..scan.beams() {
+                let (turn, place) = (beam % scan.turns(), beam / scan.turns());
+                let scaled = place as i64 * 16;
+                let knot = (scaled / i64::from(span_deg)).min(15);
+                let (a, b) = (track.knots[turn][knot as usize], track.knots[turn][knot as usize + 1]);
+                let rest = scaled - knot * i64::from(span_deg);
+                let exact = i64::from(a.0) + (i64::from((b - a).0) * rest).div_euclid(i64::from(span_deg));
+                assert_eq!(track.roll(&scan, beam), Angle(exact as i32), "beam {beam} of {beams}");
+            }
+        }
     }
 }

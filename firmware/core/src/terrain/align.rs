@@ -9,6 +9,8 @@
 //! The data decide their sign, so neither the sense of rotation nor the sensor's model need to be known, and a frame
 //! that was corrected before comes out with rates of nothing. At most 5,000 points of the 144 degrees ahead take part.
 
+use core::cmp::Ordering;
+
 use super::geometry::dot;
 use super::project::Projection;
 use super::tile::UNITS_PER_M;
@@ -197,7 +199,8 @@ impl Normal {
     fn solve(mut self) -> Option<[f32; TERMS]> {
         for pivot in 0..TERMS {
             let (row, right) = (self.matrix[pivot], self.right[pivot]);
-            if !(row[pivot] > 0.0) {
+            // NaN fails as well.
+            if row[pivot].partial_cmp(&0.0) != Some(Ordering::Greater) {
                 return None;
             }
             for below in pivot + 1..TERMS {

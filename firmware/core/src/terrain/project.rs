@@ -173,8 +173,7 @@ pub(crate) fn project(
     for &[x, y, z, _] in points {
         let p = [x, y, z];
         let range2 = dot(p, p);
-        // NaN and infinity fail every comparison but this one.
-        if !(range2 < 1e12) {
+        if !range2.is_finite() {
             counts.not_finite += 1;
             continue;
         }

@@ -123,12 +123,12 @@ impl Patch {
             widen_three(high, low, &mut three.0, &mut three.1);
         }
         let mut out = [[i16::MIN; TILE_SIDE]; TILE_SIDE];
-        for row in 0..TILE_SIDE {
+        for (row, out) in out.iter_mut().enumerate() {
             // Rows row + 3 to row + 7 of the work area surround row + 5.
             let at = row + HALO;
             let five = [&five[at - 2], &five[at - 1], &five[at], &five[at + 1], &five[at + 2]];
             let three = [&three[at - 1], &three[at], &three[at + 1]];
-            span(five, three, &high[at], &mut out[row]);
+            span(five, three, &high[at], out);
         }
         out
     }
@@ -194,7 +194,7 @@ fn fill_empty(around: [&(Row, Row); 3], known: &Row, high: &mut Row, low: &mut R
 /// than a cell. `i16::MIN` where nothing is known and no neighbour reaches: nothing to judge.
 #[inline(never)]
 fn span(five: [&(Row, Row); 5], three: [&(Row, Row); 3], own: &Row, out: &mut [i16; TILE_SIDE]) {
-    for column in 0..TILE_SIDE {
+    for (column, out) in out.iter_mut().enumerate() {
         let at = column + HALO;
         let [a, b, c, d, e] = five;
         let top = a.0[at].max(b.0[at]).max(c.0[at]).max(d.0[at]).max(e.0[at]);
@@ -205,6 +205,6 @@ fn span(five: [&(Row, Row); 5], three: [&(Row, Row); 3], own: &Row, out: &mut [i
         let bottom = a.1[at].min(b.1[at]).min(c.1[at]);
         let near = top.saturating_sub(bottom).max(0);
         let relief = if near >= wide >> 1 { wide } else { near };
-        out[column] = if own[at] == NO_HIGH { i16::MIN } else { relief };
+        *out = if own[at] == NO_HIGH { i16::MIN } else { relief };
     }
 }

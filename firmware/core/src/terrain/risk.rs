@@ -61,7 +61,7 @@ impl RiskTable {
 #[must_use]
 pub fn risk_of_step(step_mm: f32, wheel_radius_mm: f32) -> f32 {
     let cosine = 1.0 - step_mm / wheel_radius_mm;
-    if !(cosine > 0.0) {
+    if cosine.is_nan() || cosine <= 0.0 {
         return 1.0;
     }
     let tangent = libm::sqrtf((1.0 - cosine * cosine).max(0.0)) / cosine;

@@ -2,14 +2,13 @@
 
 use crossfall_protocol::message::{Hinge, flags};
 
-use super::line::{Fit, Gate, Line, fit, weigh};
+use super::line::{Fit, Line, fit, weigh};
 use super::magnitude::Magnitude;
-use super::sample::{GRAIN_BITS, Noise, Outward, Sample, millimetres};
+use super::sample::{GRAIN_BITS, Noise, Outward, Sample, inward_of, millimetres};
 use super::slope::Found;
 
-/// Samples past a slope's end that are taken for what follows it, and how far out they may lie.
+/// Samples past a slope's end that are taken for what follows it.
 const NEIGHBOURS: usize = 10;
-const NEIGHBOUR_REACH: i32 = millimetres(8_000);
 
 /// A place on the section with its uncertainty, in grains outward.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -47,9 +46,8 @@ pub fn meeting(a: &Fit, b: &Fit) -> Option<(i32, u32)> {
     Some((u, half.scaled(0)))
 }
 
-/// The road edge.
-pub fn edge(samples: &[Sample], road: &Fit, departure: usize, adjacent: &Found) -> Place {
-    let departed = samples.get(departure).map_or(adjacent.fit.line.u, |s| s.u);
+/// The road edge, `departed` being how far out the road's departure is.
+pub fn edge(road: &Fit, departed: i32, adjacent: &Found) -> Place {
     match meeting(road, &adjacent.fit) {
         Some((u, half)) if u < adjacent.fit.line.u => Place { u, half, departure: departed, seen: true },
         _ => Place { u: departed, half: 0, departure: departed, seen: true },
@@ -59,8 +57,8 @@ pub fn edge(samples: &[Sample], road: &Fit, departure: usize, adjacent: &Found) 
 /// [`flags::HINGE_ROUNDED`] when the samples within 0.4 m of a convex hinge lie below both lines by more than noise does:
 /// their weighted mean residual is beyond 4 sigma.
 pub fn rounded(samples: &[Sample], place: &Place, inner: &Line, outer: &Line, noise: &Noise) -> u16 {
-    let first = samples.partition_point(|s| s.u < place.u - ROUNDING_REACH);
-    let past = samples.partition_point(|s| s.u < place.u + ROUNDING_REACH);
+    let first = inward_of(samples, inner.place_at(place.u - ROUNDING_REACH));
+    let past = inward_of(samples, outer.place_at(place.u + ROUNDING_REACH));
     let (mut sum, mut information) = (0i64, 0i64);
     for sample in samples.get(first..past).unwrap_or_default() {
         let line = if sample.u < place.u { inner } else { outer };
@@ -81,8 +79,8 @@ const ROUNDING_REACH: i32 = millimetres(400);
 pub fn end(samples: &mut [Sample], slope: &Found, noise: &Noise) -> Place {
     let Some(last) = samples.get(slope.run.last).copied() else { return Place::default() };
     let beyond = samples.get_mut(slope.run.last + 1..).unwrap_or_default();
-    let near = beyond.partition_point(|s| s.u < last.u + NEIGHBOUR_REACH).min(NEIGHBOURS);
-    let Some(next) = beyond.first().map(|s| s.u) else {
+    let near = beyond.len().min(NEIGHBOURS);
+    let Some(next) = beyond.iter().map(|s| s.u).find(|u| *u > last.u) else {
         return Place { u: last.u, half: 0, departure: last.u, seen: false };
     };
     let ground = level(beyond.get_mut(..near).unwrap_or_default(), noise);
@@ -100,14 +98,16 @@ pub fn across(samples: &mut [Sample], inner: &Found, outer: &Found, noise: &Nois
         return Default::default();
     };
     let floor = samples.get_mut(inner.run.last + 1..outer.run.first).unwrap_or_default();
-    let (next, previous) = (floor.first().map_or(first.u, |s| s.u), floor.last().map_or(last.u, |s| s.u));
+    let inside = |u: &i32| (last.u + 1..first.u).contains(u);
+    let next = floor.iter().map(|s| s.u).find(inside).unwrap_or(first.u);
+    let previous = floor.iter().rev().map(|s| s.u).find(inside).unwrap_or(last.u);
     if let Some(ground) = level(floor, noise) {
         let foot = between(&inner.fit, &ground.fit, noise, &last, ground.first);
         let start = between(&outer.fit, &ground.fit, noise, &last, first.u);
-        if let (Some(foot), Some(start)) = (foot, start) {
-            if foot.u <= start.u {
-                return (foot.departing(next), start.departing(previous));
-            }
+        if let (Some(foot), Some(start)) = (foot, start)
+            && foot.u <= start.u
+        {
+            return (foot.departing(next), start.departing(previous));
         }
     }
     // No floor to be seen: the slopes meet, or there is one between the beams. Every floor from none to the widest
@@ -124,7 +124,7 @@ pub fn across(samples: &mut [Sample], inner: &Found, outer: &Found, noise: &Nois
 fn between(slope: &Fit, other: &Fit, noise: &Noise, last: &Sample, next: i32) -> Option<Place> {
     let (u, half) = meeting(slope, other)?;
     let turn_q14 = (slope.line.slope_q30.abs_diff(other.line.slope_q30) >> 16).max(1);
-    let shift = (4 * noise.variance(last, slope.line.slope_q14()).isqrt() << 14) / turn_q14;
+    let shift = ((4 * noise.variance(last, slope.line.slope_q14()).isqrt()) << 14) / turn_q14;
     let shift = (shift + 2 * half.min(1 << 20)).clamp(millimetres(60) as u32, millimetres(500) as u32) as i32;
     (u > last.u - shift && u < next + shift).then_some(Place { u, half, departure: next, seen: true })
 }
@@ -152,7 +152,7 @@ fn on_level(line: &Line, sample: &Sample, noise: &Noise) -> Option<u32> {
 
 /// The ground beside a slope: level through the samples that agree best, then fitted where there are enough.
 fn level(samples: &mut [Sample], noise: &Noise) -> Option<Ground> {
-    let shift = weigh(samples, noise, 0);
+    let shift = weigh(samples, 1, noise, 0);
     let mut best: Option<(u32, Line)> = None;
     for candidate in samples.iter() {
         let line = Line { u: candidate.u, z: candidate.z, slope_q30: 0 };
@@ -165,9 +165,9 @@ fn level(samples: &mut [Sample], noise: &Noise) -> Option<Ground> {
     let near = samples.iter().filter(|s| on_level(&line, s, noise).is_some()).count();
     let first = samples.iter().find(|s| on_level(&line, s, noise).is_some())?.u;
     if near >= 4 {
-        let mut fitted = fit(samples, &line, shift, Gate::TUKEY)?;
+        let mut fitted = fit(samples, 1, &line, shift)?;
         for _ in 0..2 {
-            fitted = fit(samples, &fitted.line, shift, Gate::TUKEY)?;
+            fitted = fit(samples, 1, &fitted.line, shift)?;
         }
         if fitted.line.slope_q30.abs() < 1 << 26 {
             return Some(Ground { fit: fitted, first });

@@ -19,7 +19,7 @@ use crate::trig;
 use hinge::Place;
 use road::Road;
 use sample::{GRAIN_BITS, Noise, Sample, Samples};
-use search::{Anchors, Wanted};
+use search::Wanted;
 use slope::Found;
 
 pub use sample::Outward;
@@ -28,15 +28,13 @@ pub use sample::Outward;
 #[derive(Debug, Default)]
 pub struct Workspace {
     samples: Samples,
-    anchors: Anchors,
-    thin: road::Thin,
 }
 
 impl Workspace {
     /// An empty workspace.
     #[must_use]
     pub const fn new() -> Self {
-        Self { samples: Samples::new(), anchors: Anchors::new(), thin: road::Thin::new() }
+        Self { samples: Samples::new() }
     }
 }
 
@@ -45,8 +43,6 @@ impl Workspace {
 pub struct Scan<'a> {
     /// The levelled returns.
     pub points: &'a Points,
-    /// Number of the beam that looks straight down.
-    pub down_beam: u16,
     /// Micrometres in the scanner's unit: ranges are rounded to it.
     pub unit_um: i32,
 }
@@ -54,23 +50,24 @@ pub struct Scan<'a> {
 /// Measures one side of a scan.
 pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Workspace) -> Side {
     let inner = road::INNER;
-    let down_beam = scan.down_beam as i16;
     match outward {
-        Outward::Left => sample::take(scan.points.iter(), outward, down_beam, inner, &mut work.samples),
-        Outward::Right => sample::take(scan.points.iter().rev(), outward, down_beam, inner, &mut work.samples),
+        Outward::Left => sample::take(scan.points.iter(), outward, inner, &mut work.samples),
+        Outward::Right => sample::take(scan.points.iter().rev(), outward, inner, &mut work.samples),
     }
     let mut side = Side::default();
     let prior = prior_noise(survey, scan.unit_um);
-    let Some(road) = road::find(&mut work.samples, prior, &mut work.thin) else {
+    let Some(road) = road::find(&mut work.samples, prior) else {
         side.flags = flags::NO_ROAD;
         return side;
     };
     side.road = Some(trig::slope_angle(road.fit.line.slope_q30));
     let samples = &mut work.samples;
-    let departure_um = samples.get(road.departure).map_or(0, |s| outward.lateral_um(s.u));
-    if road.departure < samples.len() {
-        side.edge = Some(Hinge { y_um: departure_um, ci95_um: 0, departure_um });
-    }
+    let Some(departure) = road.departed_at(samples) else {
+        side.flags = flags::END_UNSEEN;
+        return side;
+    };
+    let departure_um = outward.lateral_um(departure);
+    side.edge = Some(Hinge { y_um: departure_um, ci95_um: 0, departure_um });
     let limits = &survey.limits;
     let (least_q14, most_q14) = (trig::slope(limits.min_slope) >> 16, trig::slope(limits.max_slope) >> 16);
     let wanted = |rising: bool| Wanted {
@@ -80,15 +77,17 @@ pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Wo
         longest: limits.max_length_um >> GRAIN_BITS,
         obstruction: (limits.obstruction_um >> GRAIN_BITS).clamp(1, (1 << 15) - 1),
     };
-    let from_u = samples.get(road.departure).map_or(i32::MAX, |s| s.u - sample::millimetres(500));
-    let from = samples.partition_point(|s| s.u < from_u);
+    // The threshold hides the slope's first samples from the departure: they belong to its run.
+    let from = sample::inward_of(samples, road.fit.line.place_at(departure - sample::millimetres(500)));
+    let start = departure - sample::millimetres(100);
     let mut noise = road.noise;
-    let Some(adjacent) = slope::measure(samples, &mut work.anchors, from, &wanted(false), &mut noise) else {
+    let Some(adjacent) = slope::measure(samples, (from, start), &wanted(false), &mut noise) else {
         return side;
     };
     let from = adjacent.run.last + 1;
-    let opposing = slope::measure(samples, &mut work.anchors, from, &wanted(true), &mut noise);
-    let section = Section { outward, road, adjacent, opposing, noise };
+    let start = samples.get(adjacent.run.last).map_or(start, |s| s.u);
+    let opposing = slope::measure(samples, (from, start), &wanted(true), &mut noise);
+    let section = Section { outward, road, departure, adjacent, opposing, noise };
     section.report(&mut side, samples, &wanted(false), &wanted(true));
     side
 }
@@ -107,13 +106,11 @@ fn prior_noise(survey: &Survey, unit_um: i32) -> Noise {
     }
 }
 
-/// How often the slopes are fitted anew between the hinges that they make.
-const SETTLING: usize = 2;
-
 /// One side with its slopes found but not yet bounded.
 struct Section {
     outward: Outward,
     road: Road,
+    departure: i32,
     adjacent: Found,
     opposing: Option<Found>,
     noise: Noise,
@@ -129,7 +126,7 @@ struct Hinges {
 
 impl Section {
     fn hinges(&self, samples: &mut [Sample]) -> Hinges {
-        let edge = hinge::edge(samples, &self.road.fit, self.road.departure, &self.adjacent);
+        let edge = hinge::edge(&self.road.fit, self.departure, &self.adjacent);
         match &self.opposing {
             Some(opposing) => {
                 let (foot, start) = hinge::across(samples, &self.adjacent, opposing, &self.noise);
@@ -139,15 +136,21 @@ impl Section {
         }
     }
 
-    /// Settles the slopes between their hinges and fills in what was found.
+    /// Fits the slopes anew between the hinges that they make, in so many steps.
+    fn settle<const STEPS: usize>(&mut self, samples: &mut [Sample]) {
+        let Hinges { edge, foot, facing } = self.hinges(samples);
+        self.adjacent.settle::<STEPS>(samples, &edge, &foot, &self.noise);
+        if let (Some(opposing), Some((start, top))) = (&mut self.opposing, &facing) {
+            opposing.settle::<STEPS>(samples, start, top, &self.noise);
+        }
+    }
+
+    /// Settles road and slopes between their hinges and fills in what was found.
     fn report(mut self, side: &mut Side, samples: &mut [Sample], falling: &Wanted, rising: &Wanted) {
-        for _ in 0..SETTLING {
-            let Hinges { edge, foot, facing } = self.hinges(samples);
+        self.settle::<2>(samples);
+        for _ in 0..2 {
+            let edge = hinge::edge(&self.road.fit, self.departure, &self.adjacent);
             self.road.settle(samples, edge.u);
-            self.adjacent.settle(samples, &edge, &foot, &self.noise);
-            if let (Some(opposing), Some((start, top))) = (&mut self.opposing, &facing) {
-                opposing.settle(samples, start, top, &self.noise);
-            }
         }
         let Hinges { edge, foot, facing } = self.hinges(samples);
         side.edge = Some(edge.message(self.outward));

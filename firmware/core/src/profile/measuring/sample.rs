@@ -29,8 +29,8 @@ pub struct Sample {
     pub out_q14: i16,
     /// Downward part of the beam's direction, 14 fraction bits.
     pub down_q14: i16,
-    /// Number of the beam, counted outward from straight down (negative on the other side).
-    pub beam: i16,
+    /// Number of the beam.
+    pub beam: u16,
     /// Weight in the fit under way.
     pub weight: u16,
 }
@@ -79,15 +79,16 @@ impl Noise {
     }
 }
 
+/// How many samples were seen under a direction inward of a place. Beams turn outward one after the other, whatever they
+/// hit: the order holds for strays and vegetation too, whose distance outward does not tell where they belong.
+pub fn inward_of(samples: &[Sample], (u, z): (i32, i32)) -> usize {
+    // The cross product of the beam and the place: at most 2^14 x 2^25 each.
+    samples.partition_point(|s| i64::from(s.out_q14) * i64::from(z) + i64::from(s.down_q14) * i64::from(u) > 0)
+}
+
 /// Takes one side's returns out of a scan, in outward order, beginning `inner` grains on the other side.
 /// `echoes` comes in that order already.
-pub fn take<'a>(
-    echoes: impl Iterator<Item = &'a Echo>,
-    outward: Outward,
-    down_beam: i16,
-    inner: i32,
-    samples: &mut Samples,
-) {
+pub fn take<'a>(echoes: impl Iterator<Item = &'a Echo>, outward: Outward, inner: i32, samples: &mut Samples) {
     samples.clear();
     let sign = if outward == Outward::Left { 1 } else { -1 };
     for echo in echoes {
@@ -104,7 +105,7 @@ pub fn take<'a>(
             z: z_um >> GRAIN_BITS,
             out_q14: -(sign as i16) * echo.cos_q14,
             down_q14: echo.sin_q14,
-            beam: sign as i16 * (echo.beam as i16 - down_beam),
+            beam: echo.beam,
             weight: 0,
         };
         // Never full: a scan has no more echoes than there are places.

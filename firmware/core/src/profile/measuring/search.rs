@@ -5,23 +5,16 @@
 //! below it much, and three in a row beyond the obstruction distance end the run. So a run decides its own ends. All candidates
 //! are scored on the anchors, the best few on all samples.
 
-use heapless::Vec;
-
-use super::line::Line;
+use super::line::{Line, fit, weigh};
 use super::sample::{Noise, Sample, millimetres};
-use crate::scan::MAX_BEAMS;
-
-/// Samples an anchor stands for.
-const GROUP: usize = 3;
-
-/// Anchors of one side.
-pub type Anchors = Vec<Sample, { MAX_BEAMS / GROUP + 1 }>;
 
 /// The first anchor lies within this of where the search starts.
 const START_REACH: i32 = millimetres(4_500);
 
-/// Shortest distance between the two anchors of a candidate.
-const MIN_BASE: i32 = millimetres(1_200);
+/// Distances between the two samples of a candidate: at least these, a factor of 1.5 apart, so that for a slope of any
+/// length some pairs span half of it and more.
+const BASES: [i32; 5] =
+    [millimetres(1_100), millimetres(1_700), millimetres(2_500), millimetres(3_800), millimetres(5_700)];
 
 /// Candidates that are scored on all samples.
 const FINALISTS: usize = 3;
@@ -47,42 +40,28 @@ pub struct Run {
     pub score: i32,
 }
 
-/// Fills `anchors` with the lowest of each group of samples above a line that slopes as what is wanted: on a slope seen
-/// from far, neighbours differ more in height than vegetation raises them.
-fn choose(samples: &[Sample], wanted: &Wanted, anchors: &mut Anchors) {
-    anchors.clear();
-    let typical_q14 = (wanted.least_q14 + wanted.most_q14) / 2;
-    for group in samples.chunks(GROUP) {
-        // |u| < 2^22 grains and the slope is below 2^15: 64 bits are needed.
-        let height = |s: &&Sample| s.z - ((i64::from(s.u) * i64::from(typical_q14)) >> 14) as i32;
-        if let Some(lowest) = group.iter().min_by_key(height) {
-            let _ = anchors.push(*lowest);
-        }
-    }
-}
-
-/// The best line among the candidates and its run over `samples`, of which the first is where the search starts.
-pub fn find(samples: &[Sample], anchors: &mut Anchors, wanted: &Wanted, noise: &Noise) -> Option<(Line, Run)> {
-    choose(samples, wanted, anchors);
-    let start = anchors.first()?.u;
+/// The best line among the candidates, which begin at `start` or beyond, and its run over `samples`.
+pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) -> Option<(Line, Run)> {
     let mut finalists = [(Line::default(), 0i32); FINALISTS];
-    // The last anchor of a run so good that starting within it would only find it again.
-    let mut settled = 0;
-    for (i, a) in anchors.iter().enumerate() {
-        if a.u > start + START_REACH {
-            break;
-        }
-        if i < settled {
+    mark_raised(samples, wanted);
+    // Starting within a good run would mostly find it again: past `settled` and `thinned` all and every third start counts.
+    let (mut settled, mut thinned) = (0, 0);
+    for (i, a) in samples.iter().enumerate() {
+        // A stray may lie anywhere: it does not end the search.
+        let skipped = i < settled || (i < thinned && i % 3 != 0);
+        if skipped || a.u < start || a.u > start + START_REACH || a.weight == RAISED {
             continue;
         }
-        let along = anchors.get(i..).unwrap_or_default();
-        for b in along.iter().skip(1) {
+        let along = samples.get(i..).unwrap_or_default();
+        let mut outer = along.iter();
+        for base in BASES {
+            let Some(b) = outer.find(|b| b.u - a.u >= base) else { break };
             let base = b.u - a.u;
-            if base < MIN_BASE {
-                continue;
-            }
             if base > wanted.longest {
                 break;
+            }
+            if b.weight == RAISED {
+                continue;
             }
             // 14 fraction bits: 0.6 mm over 10 m. Within 2^17 units of 8 grains the dividend stays below 2^31.
             let rise = ((b.z - a.z) >> 3).clamp(-(1 << 16), 1 << 16);
@@ -91,30 +70,23 @@ pub fn find(samples: &[Sample], anchors: &mut Anchors, wanted: &Wanted, noise: &
                 continue;
             }
             let line = Line { u: a.u, z: a.z, slope_q30: slope_q14 << 16 };
-            let found = run(along, &line, wanted, noise, true);
-            let score = found.score;
+            // Less than half of the best is not worth following to the end.
+            let weakest = finalists.last().map_or(0, |f| f.1).max(finalists.first().map_or(0, |f| f.1) / 2);
+            let found = run_from(along, &line, wanted, noise, weakest);
             let span = (found.last - found.first) as i32 + 1;
-            if span >= 5 && score > span * SETTLED_SCORE {
-                settled = settled.max(i + found.last);
-            }
-            let Some(last) = finalists.last_mut() else { continue };
-            if score > last.1 {
-                *last = (line, score);
-                // Insertion into the short list, best first; equal scores keep their order.
-                for k in (1..FINALISTS).rev() {
-                    if let Some([upper, lower]) = finalists.get_mut(k - 1..=k) {
-                        if lower.1 > upper.1 {
-                            core::mem::swap(upper, lower);
-                        }
-                    }
+            if span >= 10 && found.score > span * THINNED_SCORE {
+                thinned = thinned.max(i + found.last);
+                if found.score > span * SETTLED_SCORE {
+                    settled = thinned;
                 }
             }
+            admit(&mut finalists, line, b.u, found.score);
         }
     }
     let mut best: Option<(Line, Run)> = None;
     for (line, score) in finalists {
         if score > 0 {
-            let run = run(samples, &line, wanted, noise, false);
+            let Some((line, run)) = grow(samples, &line, wanted, noise) else { continue };
             if best.is_none_or(|(_, known)| run.score > known.score) {
                 best = Some((line, run));
             }
@@ -123,43 +95,138 @@ pub fn find(samples: &[Sample], anchors: &mut Anchors, wanted: &Wanted, noise: &
     best
 }
 
-/// A run that earns this much a sample is what there is to find along its line.
-const SETTLED_SCORE: i32 = 230;
+/// Marks the samples that stand above both of their neighbours: vegetation, no part of a candidate. Heights count from a
+/// line that slopes as what is wanted, so that on any line each sample lies between its neighbours.
+fn mark_raised(samples: &mut [Sample], wanted: &Wanted) {
+    let typical_q14 = (wanted.least_q14 + wanted.most_q14) / 2;
+    // |u| < 2^22 grains and the slope below 2^15: a shift of 6 keeps the product in 32 bits.
+    let height = |s: &Sample| s.z - (((s.u >> 6) * typical_q14) >> 8);
+    let (mut before, mut here) = (i32::MAX >> 1, i32::MAX >> 1);
+    let mut last: Option<&mut Sample> = None;
+    for sample in samples {
+        let after = height(sample);
+        sample.weight = 0;
+        if let Some(last) = last {
+            last.weight = if here > before.max(after) + PROTRUSION { RAISED } else { 0 };
+        }
+        (before, here) = (here, after);
+        last = Some(sample);
+    }
+}
 
-/// An anchored run begins with the first sample, and is over when it has lost this much.
-const DROP: i32 = 600;
+/// Mark of a raised sample, in the place of a weight that no fit has set yet.
+const RAISED: u16 = u16::MAX;
+
+/// How far above its neighbours a sample must stand to be taken for raised.
+const PROTRUSION: i32 = millimetres(12);
+
+/// Puts a candidate among the finalists if it is good enough. Of candidates that tell the same story - within 15 mm at
+/// both anchors - only the best stays, so that the others can be different ones.
+fn admit(finalists: &mut [(Line, i32); FINALISTS], line: Line, outer: i32, score: i32) {
+    let same = |other: &Line| {
+        let apart = |u: i32| (other.height_at(u) - line.height_at(u)).abs();
+        apart(line.u) < millimetres(15) && apart(outer) < millimetres(15)
+    };
+    let weakest = FINALISTS - 1;
+    let place = finalists.iter().position(|(other, known)| *known > 0 && same(other)).unwrap_or(weakest);
+    let Some(held) = finalists.get_mut(place) else { return };
+    if score <= held.1 {
+        return;
+    }
+    *held = (line, score);
+    // Best first; equal scores keep their order.
+    for k in (1..=place).rev() {
+        if let Some([upper, lower]) = finalists.get_mut(k - 1..=k)
+            && lower.1 > upper.1
+        {
+            core::mem::swap(upper, lower);
+        }
+    }
+}
+
+/// A candidate's run on all samples, a fit to it, and the run of that.
+fn grow(samples: &mut [Sample], line: &Line, wanted: &Wanted, noise: &Noise) -> Option<(Line, Run)> {
+    let first = run(samples, line, wanted, noise);
+    let part = samples.get_mut(first.first..=first.last)?;
+    let shift = weigh(part, 1, noise, line.slope_q14());
+    let once = fit(part, 1, line, shift)?.line;
+    let grown = run(samples, &once, wanted, noise);
+    Some(if grown.score > first.score { (once, grown) } else { (*line, first) })
+}
+
+/// A run that earns this much a sample is what there is to find along its line ...
+const SETTLED_SCORE: i32 = 230;
+/// ... and one that earns this much may still be a mixture of slope and vegetation.
+const THINNED_SCORE: i32 = 130;
+
+/// A run that begins with the first sample is over when it has lost this much.
+const DROP: i32 = 450;
+
+/// What a sample earns for a line; nothing when it lies beyond the obstruction distance.
+#[inline(always)]
+fn earned(sample: &Sample, line: &Line, slope_q14: i32, wanted: &Wanted, noise: &Noise) -> Option<i32> {
+    let e = line.residual(sample);
+    if e.abs() > wanted.obstruction {
+        return None;
+    }
+    let variance = noise.variance(sample, slope_q14);
+    // The obstruction distance is below 2^15 grains: the square fits.
+    let square = (e * e) as u32;
+    Some(if square < 9 * variance {
+        288 - (square / (variance >> 5).max(1)) as i32
+    } else if e > 0 {
+        -43
+    } else {
+        -173
+    })
+}
+
+/// The best run that begins with the first sample. Given up once it can no longer score more than `least`.
+fn run_from(samples: &[Sample], line: &Line, wanted: &Wanted, noise: &Noise, least: i32) -> Run {
+    let slope_q14 = line.slope_q14();
+    let (mut best, mut score, mut astray) = (Run::default(), 0, 0);
+    let mut remaining = samples.len() as i32;
+    for (index, sample) in samples.iter().enumerate() {
+        match earned(sample, line, slope_q14, wanted, noise) {
+            Some(earned) => {
+                astray = 0;
+                score += earned;
+            }
+            None => {
+                astray += 1;
+                score -= 144;
+            }
+        }
+        remaining -= 1;
+        if score > best.score {
+            best = Run { first: 0, last: index, score };
+        } else if astray == 3 || score < best.score - DROP || score + 288 * remaining <= least {
+            break;
+        }
+    }
+    best
+}
 
 /// The best contiguous run of samples along a line.
-pub fn run(samples: &[Sample], line: &Line, wanted: &Wanted, noise: &Noise, anchored: bool) -> Run {
+pub fn run(samples: &[Sample], line: &Line, wanted: &Wanted, noise: &Noise) -> Run {
     let slope_q14 = line.slope_q14();
     let (mut best, mut current) = (Run::default(), Run::default());
     let mut astray = 0;
     for (index, sample) in samples.iter().enumerate() {
-        let e = line.residual(sample);
-        let earned = if e.abs() > wanted.obstruction {
-            astray += 1;
-            if astray == 3 && best.score > 0 {
-                break;
+        let earned = match earned(sample, line, slope_q14, wanted, noise) {
+            Some(earned) => {
+                astray = 0;
+                earned
             }
-            -144
-        } else {
-            astray = 0;
-            let variance = noise.variance(sample, slope_q14);
-            // The obstruction distance is below 2^15 grains: the square fits.
-            let square = (e * e) as u32;
-            if square < 9 * variance {
-                288 - (square / (variance >> 5).max(1)) as i32
-            } else if e > 0 {
-                -43
-            } else {
-                -173
+            None => {
+                astray += 1;
+                if astray == 3 && best.score > 0 {
+                    break;
+                }
+                -144
             }
         };
-        if anchored {
-            if current.score < best.score - DROP {
-                break;
-            }
-        } else if current.score <= 0 {
+        if current.score <= 0 {
             current = Run { first: index, last: index, score: 0 };
         }
         current.score += earned;

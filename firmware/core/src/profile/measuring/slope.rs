@@ -4,21 +4,21 @@ use crossfall_protocol::Angle;
 use crossfall_protocol::message::{Slope, flags};
 
 use super::hinge::Place;
-use super::line::{Fit, Gate, Line, fit, weigh};
+use super::line::{Fit, Line, fit, weigh};
 use super::magnitude::Magnitude;
-use super::sample::{GRAIN_BITS, Noise, Outward, Sample};
-use super::search::{self, Anchors, Run, Wanted};
+use super::sample::{GRAIN_BITS, Noise, Outward, Sample, inward_of};
+use super::search::{self, Run, Wanted};
 use crate::trig;
 
 /// A run must earn what this many samples on the line would: fewer can be chance.
-const LEAST_SCORE: i32 = 5 * 200;
+const LEAST_SCORE: i32 = 1_100;
 
 /// Fewest samples within the gate.
 const LEAST_SAMPLES: u32 = 5;
 
 /// Pseudo-observations of the assumed noise against the slope's own residuals: in the roughness, and in the interval.
-const ROUGHNESS_PRIOR: u32 = 8;
-const INTERVAL_PRIOR: u32 = 12;
+const ROUGHNESS_PRIOR: u32 = 3;
+const INTERVAL_PRIOR: u32 = 6;
 
 /// A slope with what its neighbours need to know.
 #[derive(Clone, Copy, Debug)]
@@ -28,31 +28,29 @@ pub struct Found {
     pub run: Run,
 }
 
-/// Finds and measures the slope that is `wanted`, from sample `from` on; keeps what its residuals say about the noise.
+/// Finds and measures the slope that is `wanted`, from sample `from` on, which is `start` outward; keeps what its residuals say about the noise.
 pub fn measure(
     samples: &mut [Sample],
-    anchors: &mut Anchors,
-    from: usize,
+
+    (from, start): (usize, i32),
     wanted: &Wanted,
     noise: &mut Noise,
 ) -> Option<Found> {
     let beyond = samples.get_mut(from..)?;
-    let (mut line, mut run) = search::find(beyond, anchors, wanted, noise)?;
-    for _ in 0..2 {
-        if run.score < LEAST_SCORE {
-            return None;
-        }
-        let part = beyond.get_mut(run.first..=run.last)?;
-        let shift = weigh(part, noise, line.slope_q14());
-        for _ in 0..2 {
-            line = fit(part, &line, shift, Gate::TUKEY)?.line;
-        }
-        run = search::run(beyond, &line, wanted, noise, false);
+    let (line, mut run) = search::find(beyond, start, wanted, noise)?;
+    if run.score < LEAST_SCORE {
+        return None;
     }
     let part = beyond.get_mut(run.first..=run.last)?;
-    let first_pass = refit(part, &line, noise)?;
-    *noise = roughened(noise, &first_pass, part);
-    let fit = refit(part, &first_pass.line, noise)?;
+    let mut found = refit::<1>(part, &line, noise)?;
+    // What the residuals say of the roughness decides which of them count: once more, and again on the run that results.
+    *noise = roughened(noise, &found, part);
+    found = refit::<1>(part, &found.line, noise)?;
+    *noise = roughened(noise, &found, part);
+    run = search::run(beyond, &found.line, wanted, noise);
+    let part = beyond.get_mut(run.first..=run.last)?;
+    let fit = refit::<1>(part, &found.line, noise)?;
+    *noise = roughened(noise, &fit, part);
     let run = Run { first: run.first + from, last: run.last + from, score: run.score };
     Some(Found { fit, run })
 }
@@ -60,24 +58,26 @@ pub fn measure(
 impl Found {
     /// Fits again over the samples between two places: the ends of a run lean on its own residuals, those of the hinges
     /// do not, so that no sample is chosen for lying where the line wants it.
-    pub fn settle(&mut self, samples: &mut [Sample], start: &Place, end: &Place, noise: &Noise) {
-        let first = samples.partition_point(|s| s.u < start.u);
-        let past = samples.partition_point(|s| s.u <= end.u);
+    pub fn settle<const STEPS: usize>(&mut self, samples: &mut [Sample], start: &Place, end: &Place, noise: &Noise) {
+        let first = inward_of(samples, self.fit.line.place_at(start.u));
+        let past = inward_of(samples, self.fit.line.place_at(end.u));
         let Some(part) = samples.get_mut(first..past) else { return };
-        if let Some(fit) = refit(part, &self.fit.line, noise) {
-            if fit.count >= LEAST_SAMPLES.min(self.fit.count) {
-                self.fit = fit;
-            }
+        if let Some(fit) = refit::<STEPS>(part, &self.fit.line, noise)
+            && fit.count >= LEAST_SAMPLES.min(self.fit.count)
+        {
+            self.fit = fit;
         }
     }
 }
 
-/// Three reweighted steps with weights of the present noise.
-fn refit(part: &mut [Sample], line: &Line, noise: &Noise) -> Option<Fit> {
-    let shift = weigh(part, noise, line.slope_q14());
-    let once = fit(part, line, shift, Gate::TUKEY)?;
-    let twice = fit(part, &once.line, shift, Gate::TUKEY)?;
-    fit(part, &twice.line, shift, Gate::TUKEY)
+/// Reweighted steps with weights of the present noise.
+fn refit<const STEPS: usize>(part: &mut [Sample], line: &Line, noise: &Noise) -> Option<Fit> {
+    let shift = weigh(part, 1, noise, line.slope_q14());
+    let mut fitted = fit(part, 1, line, shift)?;
+    for _ in 1..STEPS {
+        fitted = fit(part, 1, &fitted.line, shift)?;
+    }
+    Some(fitted)
 }
 
 /// The noise with a roughness that explains the residuals of a fit.
@@ -122,7 +122,7 @@ fn marks(part: &[Sample], found: &Found, noise: &Noise, obstruction: i32) -> u16
         } else if e > 0 {
             above += 1;
         }
-        dark |= previous.is_some_and(|p| sample.beam - p.beam > SHADOW_BEAMS);
+        dark |= previous.is_some_and(|p| sample.beam.abs_diff(p.beam) > SHADOW_BEAMS);
         previous = Some(sample);
     }
     let count = part.len() as u32;
@@ -133,15 +133,15 @@ fn marks(part: &[Sample], found: &Found, noise: &Noise, obstruction: i32) -> u16
     if astray >= 3 || dark {
         marks |= flags::OBSTRUCTED;
     }
-    // Fewer than half of what is there agrees, or too little is there to tell a slope from chance.
-    if 2 * on < count || found.fit.count < 6 || interval(&found.fit) > DOUBTFUL_HALF_Q30 {
+    // Too few of what is there agrees, or too little is there to tell a slope from chance.
+    if 20 * on < 11 * count || found.fit.count < 6 || interval(&found.fit) > DOUBTFUL_HALF_Q30 {
         marks |= flags::DOUBTFUL;
     }
     marks
 }
 
 /// This many beams in a row without a return on a slope are a shadow rather than chance.
-const SHADOW_BEAMS: i16 = 6;
+const SHADOW_BEAMS: u16 = 6;
 
 /// An interval wider than +/-0.5 degrees.
 const DOUBTFUL_HALF_Q30: u32 = 9_370_000;
@@ -181,8 +181,8 @@ impl Found {
 
     /// Flags that concern this slope between its ends.
     pub fn marks(&self, samples: &[Sample], start: &Place, end: &Place, noise: &Noise, obstruction: i32) -> u16 {
-        let first = samples.partition_point(|s| s.u < start.u);
-        let past = samples.partition_point(|s| s.u <= end.u);
+        let first = inward_of(samples, self.fit.line.place_at(start.u));
+        let past = inward_of(samples, self.fit.line.place_at(end.u));
         marks(samples.get(first..past).unwrap_or_default(), self, noise, obstruction)
     }
 }

@@ -6,23 +6,20 @@
 //! Points allow intervals of slopes; the fan sorts slopes into bins and adds an interval up as +1 at its first bin and -1 after
 //! its last.
 //!
-//! Slopes have 20 fraction bits and lie within +/-1 (45 degrees). A reciprocal of 16 bits makes a computed slope err by less
-//! than 2^-15 of itself (see [`Reach::of`]), 32 units; every interval is widened by [`SLACK`] = 128, more than twice that: if the
-//! exact slope of a pair is in the exact interval of a point, the computed slope of the pair is in the computed interval.
-//! Cost: one 32-bit division a point.
+//! Slopes have 28 fraction bits and lie within +/-1 (45 degrees). A reciprocal of 16 bits makes a computed slope err by less
+//! than 2^-15 of itself (see [`Reach::of`]), 2^13 units; every interval is widened by [`SLACK`] = 2^15, more than twice that: if
+//! the exact slope of a pair is in the exact interval of a point, the computed slope of the pair is in the computed interval.
+//! Cost: one 32-bit division a point and one high multiplication for each end of an interval.
 
 use crate::scan::Point;
 
 use super::criterion::Criterion;
 
 /// Fraction bits of a slope.
-const SLOPE_BITS: u32 = 20;
-
-/// Steeper slopes are clipped to this; twice as steep as any that is allowed.
-const CLIP: i32 = 2 << SLOPE_BITS;
+const SLOPE_BITS: u32 = 28;
 
 /// By how much intervals are widened, in units of a slope.
-const SLACK: i32 = 128;
+const SLACK: i32 = 1 << 15;
 
 /// Bins over the allowed slopes, at most. At the default limits of +/-18 degrees 167 are in use, each 0.0039 wide: 25 mm at 6.4 m.
 const BINS: usize = 256;
@@ -104,11 +101,13 @@ impl Limits {
 /// A point as seen from the anchor.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Reach {
-    /// Height above the anchor, turned with `reciprocal` so that the point lies outward.
+    /// Height above the anchor, turned with `run_um` so that the point lies outward.
     rise_um: i32,
-    /// 2^(12 + `shift`) / distance in y, with 16 or 17 significant bits; 0 for a point straight above or below.
-    reciprocal: u32,
-    shift: u32,
+    /// Distance from the anchor in y; 0 for a point straight above or below.
+    run_um: i32,
+    /// 2^60 / (`run_um` 2^`scale`), below 2^31.
+    reciprocal: i32,
+    scale: u32,
 }
 
 impl Reach {
@@ -118,42 +117,42 @@ impl Reach {
         let rise_um = if run < 0 { rise.wrapping_neg() } else { rise };
         let run_um = run.unsigned_abs();
         if run_um < BESIDE_UM {
-            return Self { rise_um, reciprocal: 0, shift: 0 };
+            return Self { rise_um, run_um: 0, reciprocal: 0, scale: 0 };
         }
         // The run cut to its 16 leading bits and the quotient cut to 16: each less than 2^-15 of its value too small, and in
-        // opposite senses. With run < 2^30 and >= 2^10 the shift ends up within 6 and 26.
+        // opposite senses. The run is below 2^30, so that there are two zeros at least.
         let zeros = run_um.leading_zeros();
-        let leading = (run_um << zeros) >> 16;
-        let reciprocal = u32::MAX.checked_div(leading).unwrap_or(0);
-        Self { rise_um, reciprocal, shift: 28_u32.wrapping_sub(zeros) }
+        let leading = (run_um << (zeros & 31)) >> 16;
+        let reciprocal = u32::MAX.checked_div(leading).unwrap_or(0) << 14;
+        Self { rise_um, run_um: run_um as i32, reciprocal: reciprocal as i32, scale: zeros.wrapping_sub(2) & 31 }
     }
 
-    /// The slope of the line from the anchor to the point, where it is within +/-2; None straight above or below.
+    /// The slope of the line from the anchor to the point, or the nearest of +/-2; None straight above or below.
     fn slope(&self) -> Option<i32> {
-        (self.reciprocal != 0).then(|| clipped(self.scaled(self.rise_um)))
+        (self.run_um != 0).then(|| self.over_run(self.rise_um))
     }
 
     /// The slopes of lines through the anchor that pass within `half_um`, measured vertically; at least those within +/-1.
     fn slopes_within(&self, half_um: i32) -> Slopes {
-        if self.reciprocal == 0 {
+        if self.run_um == 0 {
             let beside = self.rise_um.unsigned_abs() <= half_um.unsigned_abs().saturating_add(BESIDE_UM);
-            return if beside { Slopes { low: -CLIP, high: CLIP } } else { Slopes { low: 1, high: 0 } };
+            return if beside { Slopes { low: i32::MIN, high: i32::MAX } } else { Slopes { low: 1, high: 0 } };
         }
         // |rise| < 2^30 and half < 2^23.
         Slopes {
-            low: clipped(self.scaled(self.rise_um.wrapping_sub(half_um))).wrapping_sub(SLACK),
-            high: clipped(self.scaled(self.rise_um.wrapping_add(half_um))).wrapping_add(SLACK),
+            low: self.over_run(self.rise_um.wrapping_sub(half_um)).wrapping_sub(SLACK),
+            high: self.over_run(self.rise_um.wrapping_add(half_um)).wrapping_add(SLACK),
         }
     }
 
-    fn scaled(&self, um: i32) -> i64 {
-        i64::from(um).wrapping_mul(self.reciprocal.into()) >> (self.shift & 63)
+    /// A height over the run, as a slope; beyond +/-2 as +/-2.
+    fn over_run(&self, um: i32) -> i32 {
+        let steepest = self.run_um.wrapping_mul(2);
+        // Not `clamp`, which asserts that its limits are in order. Below 2^(31 - scale): the shift keeps all bits.
+        let scaled = um.max(steepest.wrapping_neg()).min(steepest) << self.scale;
+        // um 2^scale times 2^60 / (run 2^scale), less 32 bits: 28 fraction bits.
+        (i64::from(scaled).wrapping_mul(self.reciprocal.into()) >> 32) as i32
     }
-}
-
-/// A slope, or the nearest of +/-2 when it is steeper.
-fn clipped(slope: i64) -> i32 {
-    slope.clamp(-i64::from(CLIP), CLIP.into()) as i32
 }
 
 /// How many points each slope could have.
@@ -202,6 +201,15 @@ impl Fan {
             most = most.max(sum);
         }
         self.most = most.unsigned_abs() as usize;
+        self.most
+    }
+
+    /// Leaves only the open slopes, and gives the largest number of points among them.
+    pub fn narrow(&mut self, limits: &Limits, open: Slopes) -> usize {
+        self.first = self.first.max(limits.bin(open.low));
+        self.last = self.last.min(limits.bin(open.high));
+        let used = self.bins.get(self.first..=self.last).unwrap_or(&[]);
+        self.most = used.iter().max().map_or(0, |points| points.unsigned_abs() as usize);
         self.most
     }
 

@@ -8,7 +8,7 @@
 //! each round of speeds that grows to one second. A scanner that was only unplugged and still sends the scans that
 //! were asked for is taken up with its first scan.
 //!
-//! Times are SENSORS.md's, from the telegram listing: an answer begins within 60 ms, at least 30 ms pass after a NAK, a mode
+//! Times are the telegram listing's: an answer begins within 60 ms, at least 30 ms pass after a NAK, a mode
 //! change takes up to 3 s once it has been acknowledged. The owner calls [`super::Decoder::finish`] before it carries
 //! out [`Action::SetBaud`] or [`Action::Send`]: garbage from the old speed must not hide the answer.
 

@@ -103,10 +103,10 @@ impl Decoder {
     /// Takes the next byte, which arrived at `at`, and tells what it completes: nothing, or one or several events.
     #[inline]
     pub fn push(&mut self, byte: u8, at: DeviceTime, out: &mut impl FnMut(Event<'_>)) {
-        let inside = self.framer.is_inside();
+        let alone = matches!(byte, ACK | NAK) && !self.framer.is_inside();
         let scans = &mut self.scans;
         self.framer.push(byte, at, &mut |frame| scans.decode(frame, out));
-        if matches!(byte, ACK | NAK) && !inside && self.framer.pending() == 0 {
+        if alone && self.framer.pending() == 0 {
             out(if byte == ACK { Event::Ack(at) } else { Event::Nak(at) });
         }
     }

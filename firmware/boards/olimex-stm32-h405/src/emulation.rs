@@ -1,0 +1,28 @@
+//! Whether the image runs on silicon or in QEMU's `olimex-stm32-h405`: asked once, at boot, of the hardware itself.
+//!
+//! One image serves both, so that what the tests run is what a user flashes. The differences are kept to the callers of
+//! [`detect`]: clocks are not to be switched (QEMU's RCC has no ready flags), timers 2 to 5 run from 1 GHz, and the
+//! pulse per second, which has no pin in QEMU, arrives as a byte on UART5.
+
+use embassy_stm32::pac;
+use embassy_stm32::pac::flash::vals::Latency;
+
+/// What the image runs on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Platform {
+    /// An STM32F405.
+    Silicon,
+    /// QEMU.
+    Emulated,
+}
+
+/// Tells silicon from QEMU: the flash's wait states, once set, read back on silicon (RM0090, 3.9.1) and as 0 in QEMU.
+///
+/// Sets five wait states, which is what 168 MHz needs and any lower clock tolerates.
+pub fn detect() -> Platform {
+    pac::FLASH.acr().modify(|w| w.set_latency(Latency::WS5));
+    match pac::FLASH.acr().read().latency() {
+        Latency::WS5 => Platform::Silicon,
+        _ => Platform::Emulated,
+    }
+}

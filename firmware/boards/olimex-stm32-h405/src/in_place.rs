@@ -1,0 +1,47 @@
+//! Builds the two largest states where they will stay.
+//!
+//! They are 26 and 13 KiB, more than the stack, and the compiler cannot be made to write a returned value straight into a static: it
+//! builds it on the stack and moves it. The C calling convention can: a result larger than a word is written to the address in r0, the
+//! arguments follow in r1 and r2 (AAPCS32, 6.4 and 6.5).
+
+use core::arch::asm;
+use core::mem::MaybeUninit;
+
+use crossfall_core::instrument::{Decode, Identity, Survey};
+use crossfall_protocol::Config;
+
+// The results never reach C: only the convention by which they are returned is wanted.
+#[allow(improper_ctypes_definitions)]
+extern "C" fn make_survey() -> Survey {
+    Survey::new()
+}
+
+#[allow(improper_ctypes_definitions)]
+extern "C" fn make_decode(config: &Config, identity: &Identity) -> Decode {
+    Decode::new(*config, identity.clone())
+}
+
+/// A survey at boot.
+pub fn survey(place: &mut MaybeUninit<Survey>) -> &mut Survey {
+    // SAFETY: calls `make_survey` by the convention above, with `place` for its result, which it writes whole.
+    unsafe {
+        asm!("bl {make}", make = sym make_survey, inout("r0") place.as_mut_ptr() => _, clobber_abi("C"));
+        place.assume_init_mut()
+    }
+}
+
+/// A decode layer at boot.
+pub fn decode<'p>(place: &'p mut MaybeUninit<Decode>, config: &Config, identity: &Identity) -> &'p mut Decode {
+    // SAFETY: calls `make_decode` likewise; its arguments outlive the call.
+    unsafe {
+        asm!(
+            "bl {make}",
+            make = sym make_decode,
+            inout("r0") place.as_mut_ptr() => _,
+            inout("r1") config => _,
+            inout("r2") identity => _,
+            clobber_abi("C"),
+        );
+        place.assume_init_mut()
+    }
+}

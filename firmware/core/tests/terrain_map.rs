@@ -1,0 +1,268 @@
+//! Properties of the elevation and risk map, on synthetic ground sampled at the cells' centres.
+
+use crossfall_core::terrain::{
+    Cell, Class, IMAGE_COLUMNS, IMAGE_ROWS, Marks, MovingBox, Pair, Pose, RangePixels, Refusal, Sample, Storage,
+    TILE_SIDE, TerrainConfig, TerrainMap, Tile, TileKey,
+};
+use proptest::prelude::*;
+
+const SIDE: u16 = 12;
+/// Height of the sensor above the world's zero, m.
+const UP: f32 = 2.0;
+
+struct Memory {
+    tiles: Vec<Tile>,
+    marks: Vec<Marks>,
+    samples: Vec<Sample>,
+    pairs: Vec<Pair>,
+    pixels: Box<RangePixels>,
+}
+
+impl Memory {
+    fn new() -> Self {
+        let count = usize::from(SIDE) * usize::from(SIDE);
+        Self {
+            tiles: vec![Tile::EMPTY; count],
+            marks: vec![Marks::EMPTY; count],
+            samples: vec![Sample::default(); 100_000],
+            pairs: vec![Pair::default(); 5000],
+            pixels: vec![0; IMAGE_COLUMNS * IMAGE_ROWS].into_boxed_slice().try_into().unwrap(),
+        }
+    }
+
+    fn map(&mut self) -> TerrainMap<'_> {
+        // Everything around, centred on the sensor: the grid's symmetry is then the scene's.
+        let config = TerrainConfig { ahead_m: 0.0, half_turn: 0.5, nearest_m: 0.5, ..TerrainConfig::default() };
+        let storage = Storage {
+            tiles: &mut self.tiles,
+            marks: &mut self.marks,
+            samples: &mut self.samples,
+            pairs: &mut self.pairs,
+            pixels: &mut self.pixels,
+        };
+        TerrainMap::new(config, SIDE, storage).unwrap()
+    }
+}
+
+/// Points on `ground(x, y)` at the centres of the cells within 8 m of the sensor.
+fn frame(ground: impl Fn(f32, f32) -> f32) -> Vec<[f32; 4]> {
+    let mut points = Vec::new();
+    for iy in -80..80 {
+        for ix in -80..80 {
+            let (x, y) = (0.1 * ix as f32 + 0.05, 0.1 * iy as f32 + 0.05);
+            points.push([x, y, ground(x, y) - UP, 0.0]);
+        }
+    }
+    points
+}
+
+fn pose(yaw_quarters: u8, lift_um: i64) -> Pose {
+    let (cos, sin) = [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)][usize::from(yaw_quarters & 3)];
+    Pose {
+        rotation: [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]],
+        position_um: [0, 0, (UP * 1e6) as i64 + lift_um],
+    }
+}
+
+fn cell(map: &TerrainMap<'_>, ix: i32, iy: i32) -> Option<Cell> {
+    let side = TILE_SIDE as i32;
+    let tile = map.tile(TileKey { x: ix.div_euclid(side), y: iy.div_euclid(side) })?;
+    Some(tile.cell(ix.rem_euclid(side) as usize, iy.rem_euclid(side) as usize))
+}
+
+fn all_cells(map: &TerrainMap<'_>) -> Vec<(i32, i32, Cell)> {
+    (-96..96).flat_map(|iy| (-96..96).map(move |ix| (ix, iy))).filter_map(|(x, y)| Some((x, y, cell(map, x, y)?))).collect()
+}
+
+fn curb(height: f32) -> impl Fn(f32, f32) -> f32 {
+    move |_, y| if y > 3.0 { height } else { 0.0 }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn a_plane_road_has_no_risk_whatever_its_gradient(along in -0.2f32..0.2, across in -0.1f32..0.1) {
+        let mut memory = Memory::new();
+        let mut map = memory.map();
+        let points = frame(|x, y| along * x + across * y);
+        for _ in 0..3 {
+            let report = map.integrate(&points, &pose(0, 0), 100_000, &[], |_| {});
+            prop_assert_eq!(report.refused, None);
+        }
+        map.refresh_all();
+        let cells = all_cells(&map);
+        prop_assert!(cells.len() > 20_000);
+        for (x, y, cell) in cells {
+            prop_assert_eq!(cell.risk, 0, "at {} {}: {:?}", x, y, cell);
+        }
+    }
+
+    #[test]
+    fn an_update_never_lets_a_variance_grow(seed in any::<u64>(), frames in 2usize..6) {
+        let mut memory = Memory::new();
+        let mut map = memory.map();
+        let mut state = seed | 1;
+        let mut noise = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((state >> 40) as f32 / (1u32 << 24) as f32 - 0.5) * 0.04
+        };
+        let mut before: Vec<(i32, i32, Cell)> = Vec::new();
+        for _ in 0..frames {
+            let mut points = frame(|x, _| 0.03 * x);
+            for point in &mut points {
+                point[2] += noise();
+            }
+            map.integrate(&points, &pose(0, 0), 100_000, &[], |_| {});
+            for (x, y, old) in &before {
+                let new = cell(&map, *x, *y).unwrap();
+                if let Some(variance) = old.variance_mm2() {
+                    prop_assert!(new.variance_mm2().unwrap() <= variance, "at {} {}", x, y);
+                }
+            }
+            before = all_cells(&map);
+        }
+    }
+
+    #[test]
+    fn risk_knows_neither_yaw_nor_height(quarters in 0u8..4, lift_quarter_mm in -4_000_000i64..4_000_000, height in 0.04f32..0.2) {
+        let points = frame(curb(height));
+        let judge = |yaw: u8, lift_um: i64| {
+            let mut memory = Memory::new();
+            let mut map = memory.map();
+            for _ in 0..3 {
+                map.integrate(&points, &pose(yaw, lift_um), 100_000, &[], |_| {});
+            }
+            map.refresh_all();
+            // Back into the sensor's axes, so that every cell has its counterpart.
+            (-70..70)
+                .flat_map(|iy: i32| (-70..70).map(move |ix: i32| (ix, iy)))
+                .map(|(ix, iy)| {
+                    let (x, y) = [(ix, iy), (-iy - 1, ix), (-ix - 1, -iy - 1), (iy, -ix - 1)][usize::from(yaw)];
+                    cell(&map, x, y).unwrap().risk
+                })
+                .collect::<Vec<u8>>()
+        };
+        let straight = judge(0, 0);
+        prop_assert!(straight.iter().filter(|risk| **risk >= 128).count() >= 140);
+        prop_assert_eq!(&straight, &judge(0, lift_quarter_mm * 250));
+        // A median of an even number of differences may fall one quarter millimetre to the other side.
+        for (a, b) in straight.iter().zip(judge(quarters, 0)) {
+            prop_assert!(a.abs_diff(b) <= 3, "{} {}", a, b);
+        }
+    }
+}
+
+#[test]
+fn a_curb_a_drop_a_bump_and_a_hole_are_told_apart() {
+    let told = |ground: &dyn Fn(f32, f32) -> f32, at: (i32, i32)| {
+        let mut memory = Memory::new();
+        let mut map = memory.map();
+        for _ in 0..3 {
+            map.integrate(&frame(ground), &pose(0, 0), 100_000, &[], |_| {});
+        }
+        map.refresh_all();
+        cell(&map, at.0, at.1).unwrap().class
+    };
+    let bump = |x: f32, _: f32| if (x - 5.0).abs() < 0.4 { 0.04 * (1.0 + ((x - 5.0) * 7.854).cos()) } else { 0.0 };
+    assert_eq!(told(&curb(0.12), (20, 30)), Class::Curb);
+    assert_eq!(told(&curb(-0.12), (20, 30)), Class::Drop);
+    assert_eq!(told(&bump, (48, 0)), Class::Bump);
+    assert_eq!(told(&|x, y| if (x - 4.0).hypot(y) < 0.3 { -0.08 } else { 0.0 }, (40, 1)), Class::Drop);
+    assert_eq!(told(&|_, _| 0.0, (40, 1)), Class::Free);
+}
+
+#[test]
+fn a_frame_that_cannot_be_trusted_changes_nothing_and_says_why() {
+    let mut memory = Memory::new();
+    let mut map = memory.map();
+    let points = frame(curb(0.1));
+    for _ in 0..3 {
+        map.integrate(&points, &pose(0, 0), 100_000, &[], |_| {});
+    }
+    let before = all_cells(&map);
+    let mut refuse = |points: &[[f32; 4]], pose: &Pose, why| {
+        let report = map.integrate(points, pose, 100_000, &[], |_| {});
+        assert_eq!(report.refused, Some(why));
+        assert!(before == all_cells(&map), "{why:?} changed the map");
+    };
+    let nothing = [[f32::NAN; 4], [f32::INFINITY, 0.0, 0.0, 0.0]];
+    refuse(&[], &pose(0, 0), Refusal::NoPoints);
+    refuse(&nothing, &pose(0, 0), Refusal::NoPoints);
+    let mut skewed = pose(0, 0);
+    skewed.rotation[0][1] = 0.5;
+    refuse(&points, &skewed, Refusal::Pose);
+    skewed.rotation[0][1] = f32::NAN;
+    refuse(&points, &skewed, Refusal::Pose);
+    let mut away = pose(0, 0);
+    away.position_um[0] = 5_000_000;
+    refuse(&points, &away, Refusal::Jump);
+    away.position_um[0] = i64::MAX;
+    refuse(&points, &away, Refusal::Pose);
+}
+
+#[test]
+fn a_vehicle_that_went_on_from_elsewhere_begins_a_new_map() {
+    let mut memory = Memory::new();
+    let mut map = memory.map();
+    let points = frame(curb(0.1));
+    map.integrate(&points, &pose(0, 0), 100_000, &[], |_| {});
+    map.integrate(&points, &pose(0, 0), 100_000, &[], |_| {});
+    let mut away = pose(0, 0);
+    away.position_um[0] = 500_000_000;
+    assert_eq!(map.integrate(&points, &away, 100_000, &[], |_| {}).refused, Some(Refusal::Jump));
+    away.position_um[0] += 700_000;
+    let report = map.integrate(&points, &away, 100_000, &[], |_| {});
+    assert_eq!((report.refused, report.restarted), (None, true));
+    assert!(cell(&map, 5000, 0).is_some_and(|cell| cell.height.is_some()) && cell(&map, 0, 0).is_none());
+}
+
+#[test]
+fn nan_points_among_sound_ones_are_counted_and_change_nothing() {
+    let points = frame(curb(0.1));
+    let run = |points: &[[f32; 4]]| {
+        let mut memory = Memory::new();
+        let mut map = memory.map();
+        let report = map.integrate(points, &pose(0, 0), 100_000, &[], |_| {});
+        map.refresh_all();
+        (report.points.not_finite, all_cells(&map))
+    };
+    let mut spoilt = points.clone();
+    for k in 0..100 {
+        spoilt.insert(k * 7, [f32::NAN, 1.0, 1.0, 0.0]);
+        spoilt.insert(k * 11, [1.0, f32::NEG_INFINITY, 1.0, 0.0]);
+    }
+    let (sound, clean) = (run(&points), run(&spoilt));
+    assert_eq!((sound.0, clean.0), (0, 200));
+    assert!(sound.1 == clean.1);
+}
+
+#[test]
+fn what_lies_in_a_box_never_enters_the_map() {
+    let body = |x: f32, y: f32| if (x - 5.0).abs() < 1.0 && y.abs() < 0.5 { 0.3 } else { 0.0 };
+    let run = |boxes: &[MovingBox]| {
+        let mut memory = Memory::new();
+        let mut map = memory.map();
+        let report = map.integrate(&frame(body), &pose(0, 0), 100_000, boxes, |_| {});
+        map.refresh_all();
+        (report.points.boxed, all_cells(&map).iter().filter(|(_, _, cell)| cell.risk >= 128).count())
+    };
+    let outline = MovingBox { centre_um: [5_000_000, 0], half_m: [1.2, 0.7], heading: [1.0, 0.0] };
+    let (none, open) = run(&[]);
+    let (boxed, closed) = run(&[outline]);
+    assert!(none == 0 && open > 50 && boxed >= 200 && closed == 0, "{none} {open} {boxed} {closed}");
+}
+
+#[test]
+fn a_frame_that_does_not_lie_on_the_map_is_left_out_and_three_begin_it_anew() {
+    let mut memory = Memory::new();
+    let mut map = memory.map();
+    let ground = |x: f32, y: f32| 0.2 * (1.7 * x).sin() + 0.2 * (1.3 * y).cos();
+    for _ in 0..4 {
+        map.integrate(&frame(ground), &pose(0, 0), 100_000, &[], |_| {});
+    }
+    let other = frame(|x, y| -ground(x, y));
+    let reports = [0; 3].map(|_| map.integrate(&other, &pose(0, 0), 100_000, &[], |_| {}));
+    assert_eq!(reports.map(|report| report.refused), [Some(Refusal::Misfit), Some(Refusal::Misfit), None]);
+    assert!(reports[2].restarted);
+}

@@ -1,0 +1,202 @@
+//! What a file holds: a capture or a log at a glance.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use crossfall_core::protocol::DeviceTime;
+use crossfall_core::protocol::frame::Gap;
+use crossfall_core::protocol::message::{LineCounters, Message, Status};
+use crossfall_core::sensors::{lms2xx, novatel};
+use serde::Serialize;
+
+use crate::capture::{Channel, Reader};
+use crate::container::Error;
+use crate::stream::{Item, Stream};
+
+/// A file at a glance.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Info {
+    /// `capture` or `log`.
+    pub kind: &'static str,
+    /// From the first to the last thing in it, in device time.
+    pub seconds: f64,
+    /// Scans.
+    pub scans: u64,
+    /// Poses.
+    pub poses: u64,
+    /// Pulses.
+    pub pulses: u64,
+    /// Every counter by name: of a capture those of the decoders, of a log those of the board's last status and of the link.
+    pub counters: BTreeMap<String, u64>,
+    /// A log's metadata and the board's hello.
+    pub about: BTreeMap<String, String>,
+    /// Damage of the file itself, in words.
+    pub damage: Vec<String>,
+}
+
+/// Looks at a capture or a log.
+///
+/// # Errors
+/// When the file cannot be read or is neither.
+pub fn look(path: &Path) -> Result<Info, Error> {
+    match Reader::open(path) {
+        Ok(capture) => look_at_capture(capture),
+        Err(Error::Content { .. }) => match Stream::open(path) {
+            Ok(log) => Ok(look_at_log(log)),
+            Err(Error::Content { path, .. }) => {
+                let what = "neither a capture (channels lidar, ins, pps) nor a log (channel wire)".to_owned();
+                Err(Error::Content { path, what })
+            }
+            Err(error) => Err(error),
+        },
+        Err(error) => Err(error),
+    }
+}
+
+fn look_at_capture(capture: Reader) -> Result<Info, Error> {
+    let (first, last) = capture.span_ns().unwrap_or_default();
+    let mut info = Info { kind: "capture", seconds: last.saturating_sub(first) as f64 * 1e-9, ..Info::default() };
+    let mut lidar = lms2xx::Decoder::new(6);
+    let mut ins = novatel::Decoder::new();
+    for chunk in capture {
+        match chunk {
+            Ok(chunk) => {
+                let at = DeviceTime(chunk.device_time_ns / 1_000);
+                match chunk.channel {
+                    Channel::Lidar => chunk.data.iter().for_each(|&byte| lidar.push(byte, at, &mut |_| ())),
+                    Channel::Ins => chunk.data.iter().for_each(|&byte| ins.push(byte, at, &mut |_| ())),
+                    Channel::Pps => info.pulses += 1,
+                    Channel::Ins2 => {
+                        *info.counters.entry("ins2.bytes".to_owned()).or_default() += chunk.data.len() as u64
+                    }
+                }
+            }
+            Err(Error::Interrupted) => return Err(Error::Interrupted),
+            Err(error) => info.damage.push(error.to_string()),
+        }
+    }
+    lidar.finish(&mut |_| ());
+    ins.finish(&mut |_| ());
+    info.scans = u64::from(lidar.scans());
+    info.poses = u64::from(ins.solutions());
+    line_counters("lidar", &lidar.counters(), &mut info.counters);
+    line_counters("ins", &ins.counters(), &mut info.counters);
+    info.counters.insert("scans_missing".to_owned(), u64::from(lidar.scans_missing()));
+    Ok(info)
+}
+
+fn look_at_log(mut log: Stream) -> Info {
+    let mut info = Info { kind: "log", ..Info::default() };
+    let (mut frames, mut bad, mut missing, mut profiles) = (0, 0, 0, 0);
+    let mut span: Option<(DeviceTime, DeviceTime)> = None;
+    let mut see = |time: DeviceTime| {
+        let (first, last) = span.unwrap_or((time, time));
+        span = Some((first.min(time), last.max(time)));
+    };
+    while let Some((_, item)) = log.next() {
+        match item {
+            Item::Message { message, gap } => {
+                frames += 1;
+                if let Gap::Missing(count) = gap {
+                    missing += u64::from(count);
+                }
+                match message {
+                    Message::Hello(hello) => {
+                        info.about.insert("firmware".to_owned(), hello.firmware.to_owned());
+                        info.about.insert("board".to_owned(), hello.board.to_owned());
+                        info.about.insert("schema".to_owned(), format!("{:016x}", hello.schema));
+                    }
+                    Message::Scan(scan) => {
+                        info.scans += 1;
+                        see(scan.stx);
+                    }
+                    Message::Pose(pose) => {
+                        info.poses += 1;
+                        see(pose.time);
+                    }
+                    Message::Pulse(pulse) => {
+                        info.pulses += 1;
+                        see(pulse.time);
+                    }
+                    Message::Profile(_) => profiles += 1,
+                    Message::Status(status) => {
+                        for (name, count) in counters(&status) {
+                            info.counters.insert(name, count);
+                        }
+                    }
+                    _ => {}
+                }
+            }
+            Item::Rejected { .. } => bad += 1,
+            Item::Damage(error) => info.damage.push(error.to_string()),
+        }
+    }
+    for (name, count) in [("frames", frames), ("bad_frames", bad), ("missing_frames", missing), ("profiles", profiles)]
+    {
+        info.counters.insert(format!("link.{name}"), count);
+    }
+    for (name, entries) in log.metadata() {
+        for (key, value) in entries.iter().filter(|(_, value)| !value.contains('\n')) {
+            info.about.insert(format!("{name}.{key}"), value.clone());
+        }
+    }
+    info.seconds = span.map_or(0.0, |(first, last)| last.since(first) as f64 * 1e-6);
+    info
+}
+
+fn line_counters(line: &str, counters: &LineCounters, into: &mut BTreeMap<String, u64>) {
+    let LineCounters { bytes, frames, bad_frames, skipped, overruns } = *counters;
+    for (name, count) in [
+        ("bytes", bytes),
+        ("frames", u64::from(frames)),
+        ("bad_frames", u64::from(bad_frames)),
+        ("skipped", skipped),
+        ("overruns", u64::from(overruns)),
+    ] {
+        into.insert(format!("{line}.{name}"), count);
+    }
+}
+
+/// Every counter of a status by name.
+#[must_use]
+pub fn counters(status: &Status) -> BTreeMap<String, u64> {
+    let mut all = BTreeMap::new();
+    line_counters("lidar", &status.lidar, &mut all);
+    line_counters("ins", &status.ins, &mut all);
+    for (name, count) in [
+        ("scans", status.scans),
+        ("scans_missing", status.scans_missing),
+        ("scans_unreadable", status.scans_unreadable),
+        ("scans_skipped", status.scans_skipped),
+        ("poses", status.poses),
+        ("poses_unreadable", status.poses_unreadable),
+        ("pulses", status.pulses),
+        ("pulses_spurious", status.pulses_spurious),
+        ("pulses_overrun", status.pulses_overrun),
+        ("frames_dropped", status.frames_dropped),
+        ("commands_rejected", status.commands_rejected),
+    ] {
+        all.insert(name.to_owned(), u64::from(count));
+    }
+    all
+}
+
+/// The counters of a status that tell of lost data and are not zero.
+#[must_use]
+pub fn losses(status: &Status) -> BTreeMap<String, u64> {
+    const LOSSES: [&str; 10] = [
+        "lidar.bad_frames",
+        "lidar.overruns",
+        "ins.bad_frames",
+        "ins.overruns",
+        "scans_missing",
+        "scans_unreadable",
+        "scans_skipped",
+        "poses_unreadable",
+        "pulses_overrun",
+        "frames_dropped",
+    ];
+    let mut all = counters(status);
+    all.retain(|name, count| *count > 0 && LOSSES.contains(&name.as_str()));
+    all
+}

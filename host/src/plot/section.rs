@@ -1,0 +1,193 @@
+//! One section: raw and levelled points, the road, its edges, the slopes (figure 4 of the median-slope paper).
+//!
+//! Seen from behind, so that the vehicle's left is on the left.
+
+use crossfall_core::protocol::message::{Side, Slope};
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+use super::{Error, Palette, Theme, signed, text};
+use crate::profiles::degrees;
+use crate::section::{Place, Section};
+
+const SIZE: (u32, u32) = (1200, 560);
+
+/// Draws a section as SVG.
+///
+/// # Errors
+/// When the drawing library fails.
+pub fn section(section: &Section, title: &str, theme: Theme) -> Result<String, Error> {
+    let mut svg = String::new();
+    let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
+    draw(&area, section, title, theme)?;
+    area.present()?;
+    drop(area);
+    Ok(svg)
+}
+
+fn draw(area: &DrawingArea<SVGBackend<'_>, Shift>, section: &Section, title: &str, theme: Theme) -> Result<(), Error> {
+    let colours = theme.palette();
+    area.fill(&colours.ground)?;
+    let (reach, low, high) = bounds(section);
+    area.draw(&Text::new(title.to_owned(), (24, 18), text(24, colours.text)))?;
+    let exaggeration = (2.0 * reach / f64::from(SIZE.0 - 110)) / ((high - low) / f64::from(SIZE.1 - 190));
+    let note = format!("seen from behind, heights exaggerated {exaggeration:.1} times");
+    area.draw(&Text::new(note, (24, 48), text(16, colours.text)))?;
+    legend(area, &colours)?;
+
+    let plot = area.margin(110, 16, 20, 30);
+    // The axis runs from left to right on the paper, the vehicle's y from right to left.
+    let mut chart = ChartBuilder::on(&plot)
+        .x_label_area_size(48)
+        .y_label_area_size(58)
+        .build_cartesian_2d(-reach..reach, low..high)?;
+    chart
+        .configure_mesh()
+        .light_line_style(colours.ground)
+        .bold_line_style(colours.grid)
+        .axis_style(colours.faint)
+        .x_labels(13)
+        .y_labels(8)
+        .x_label_formatter(&|x| if *x == 0.0 { "0".to_owned() } else { signed(-x, 0) })
+        .y_label_formatter(&|z| if *z < 0.0 { format!("\u{2212}{:.1}", -z) } else { format!("{z:.1}") })
+        .label_style(text(16, colours.text))
+        .axis_desc_style(text(18, colours.text))
+        .x_desc("metres to the left (+) and right (\u{2212}) of the sensor")
+        .y_desc("metres above the sensor")
+        .draw()?;
+
+    let within = |(y, z): &&Place| y.abs() <= reach && *z >= low && *z <= high;
+    let dots = |places: &[Place], size: i32, style: ShapeStyle| -> Vec<_> {
+        places.iter().filter(within).map(|&(y, z)| Circle::new((-y, z), size, style)).collect()
+    };
+    chart.draw_series(dots(&section.raw, 2, colours.faint.stroke_width(1)))?;
+    chart.draw_series(dots(&section.levelled, 2, colours.points.filled()))?;
+
+    let sides = [(&section.profile.left, true), (&section.profile.right, false)];
+    let mut lines: [Vec<Line>; 3] = Default::default();
+    let mut marks = Vec::new();
+    for (side, left) in sides {
+        let [road, adjacent, opposing] = side_lines(side, left, &section.levelled);
+        if let Some(line) = &road {
+            marks.push((line.outer, colours.road, left));
+        }
+        for (list, line) in lines.iter_mut().zip([road, adjacent, opposing]) {
+            list.extend(line);
+        }
+    }
+    for (list, colour) in [(&lines[0], colours.road), (&lines[1], colours.adjacent), (&lines[2], colours.opposing)] {
+        let paths =
+            list.iter().map(|line| PathElement::new([flip(line.inner), flip(line.outer)], colour.stroke_width(3)));
+        chart.draw_series(paths.collect::<Vec<_>>())?;
+    }
+
+    // The edges above the road; each slope's value beside its line, where the raw points are not.
+    let span = high - low;
+    for (place, colour, left) in marks {
+        let at = flip(place);
+        let top = (at.0, at.1 + span * 0.17);
+        chart.draw_series([PathElement::new([(at.0, at.1 - span * 0.03), top], colour.stroke_width(1))])?;
+        let anchor = Pos::new(if left { HPos::Left } else { HPos::Right }, VPos::Bottom);
+        let label = format!("edge {} m", signed(place.0, 2));
+        chart.draw_series([Text::new(label, top, text(16, colour).pos(anchor))])?;
+    }
+    for (list, colour) in [(&lines[1], colours.adjacent), (&lines[2], colours.opposing)] {
+        for line in list {
+            let (from, to) = (flip(line.inner), flip(line.outer));
+            let rises_right = (to.1 - from.1) * (to.0 - from.0) > 0.0;
+            let above = raw_below(line, &section.raw);
+            let (shift, align) = if rises_right == above { (-0.012, HPos::Right) } else { (0.012, HPos::Left) };
+            let lift = if above { 0.01 } else { -0.01 };
+            let middle = ((from.0 + to.0) / 2.0 + 2.0 * reach * shift, (from.1 + to.1) / 2.0 + span * lift);
+            let anchor = Pos::new(align, if above { VPos::Bottom } else { VPos::Top });
+            chart.draw_series([Text::new(line.label.clone(), middle, text(18, colour).pos(anchor))])?;
+        }
+    }
+    Ok(())
+}
+
+/// What the marks mean, in a row above the picture.
+fn legend(area: &DrawingArea<SVGBackend<'_>, Shift>, colours: &Palette) -> Result<(), Error> {
+    let y = 86;
+    let name = |at: i32, name: &str| Text::new(name.to_owned(), (at, y - 6), text(16, colours.text));
+    area.draw(&Circle::new((32, y), 3, colours.faint.stroke_width(1)))?;
+    area.draw(&name(42, "as measured"))?;
+    area.draw(&Circle::new((162, y), 3, colours.points.filled()))?;
+    area.draw(&name(172, "levelled beam by beam"))?;
+    for (at, colour, what) in [
+        (372, colours.road, "road"),
+        (458, colours.adjacent, "adjacent slope"),
+        (618, colours.opposing, "opposing slope, with 95 % intervals"),
+    ] {
+        area.draw(&PathElement::new([(at, y), (at + 22, y)], colour.stroke_width(3)))?;
+        area.draw(&name(at + 30, what))?;
+    }
+    Ok(())
+}
+
+/// A fitted line between two places.
+#[derive(Clone, Debug)]
+struct Line {
+    inner: Place,
+    outer: Place,
+    label: String,
+}
+
+fn flip((y, z): Place) -> Place {
+    (-y, z)
+}
+
+/// Whether the raw points lie below a line.
+fn raw_below(line: &Line, raw: &[Place]) -> bool {
+    let (low, high) = (line.inner.0.min(line.outer.0), line.inner.0.max(line.outer.0));
+    let rise = (line.outer.1 - line.inner.1) / (line.outer.0 - line.inner.0);
+    let over = raw.iter().filter(|(y, _)| (low..=high).contains(y));
+    over.map(|(y, z)| z - line.inner.1 - rise * (y - line.inner.0)).sum::<f64>() < 0.0
+}
+
+/// How far to the sides and between which heights the picture reaches: to the outermost hinge and a bit beyond.
+fn bounds(section: &Section) -> (f64, f64, f64) {
+    let ends = [&section.profile.left, &section.profile.right].into_iter().flat_map(|side| {
+        [side.opposing.map(|s| s.end.y_um), side.adjacent.map(|s| s.end.y_um), side.edge.map(|e| e.y_um)]
+    });
+    let outermost = ends.flatten().map(|um| f64::from(um.abs()) * 1e-6).fold(8.0, f64::max);
+    let reach = (outermost * 1.12).min(30.0);
+    let seen = section.levelled.iter().chain(&section.raw).filter(|(y, _)| y.abs() <= reach).map(|&(_, z)| z);
+    let (low, high) = seen.fold((f64::MAX, f64::MIN), |(low, high), z| (low.min(z), high.max(z)));
+    if low > high {
+        return (reach, -5.0, 0.0);
+    }
+    let room = (high - low).max(1.0);
+    (reach, low - 0.2 * room, high + 0.35 * room)
+}
+
+/// Road, adjacent and opposing line of one side. A profile tells slopes and lateral places; heights are those of the points there.
+fn side_lines(side: &Side, left: bool, points: &[Place]) -> [Option<Line>; 3] {
+    let outward = if left { 1.0 } else { -1.0 };
+    let metres = |um: i32| f64::from(um) * 1e-6;
+    let through = |slope_deg: f64, from: f64, to: f64, label: String| {
+        let rise = slope_deg.to_radians().tan() * outward;
+        let (low, high) = (from.min(to), from.max(to));
+        let mut heights: Vec<f64> =
+            points.iter().filter(|(y, _)| (low..=high).contains(y)).map(|(y, z)| z - rise * y).collect();
+        heights.sort_by(f64::total_cmp);
+        let base = heights.get(heights.len() / 2)?;
+        Some(Line { inner: (from, base + rise * from), outer: (to, base + rise * to), label })
+    };
+    let road = side
+        .road
+        .zip(side.edge)
+        .and_then(|(slope, edge)| through(degrees(slope), 0.0, metres(edge.y_um), String::new()));
+    let line = |slope: Option<Slope>| {
+        let slope = slope?;
+        let interval = degrees(slope.ci95);
+        let label = if interval > 0.0 {
+            format!("{}\u{b0} \u{b1} {interval:.2}\u{b0}", signed(degrees(slope.angle), 2))
+        } else {
+            format!("{}\u{b0}", signed(degrees(slope.angle), 2))
+        };
+        through(degrees(slope.angle), metres(slope.start.y_um), metres(slope.end.y_um), label)
+    };
+    [road, line(side.adjacent), line(side.opposing)]
+}

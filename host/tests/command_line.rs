@@ -1,0 +1,274 @@
+//! The command line as a user meets it: exit codes, one clear line for each kind of bad input, and nothing half-written left behind.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+use tempfile::TempDir;
+
+/// Runs `crossfall` in a folder.
+fn crossfall(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_crossfall"))
+        .args(arguments)
+        .current_dir(folder)
+        .env_remove("COLUMNS")
+        .stdin(Stdio::null())
+        .output()
+        .expect("the binary runs")
+}
+
+/// What it said on stderr, after checking that it ended with a code.
+fn ends(output: &Output, code: i32) -> String {
+    let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert_eq!(output.status.code(), Some(code), "stdout: {out}\nstderr: {err}");
+    err.into_owned()
+}
+
+/// Checks that it failed with one line that contains a text.
+fn fails(folder: &Path, arguments: &[&str], expected: &str) {
+    let error = ends(&crossfall(folder, arguments), 1);
+    assert_eq!(error.lines().count(), 1, "one line: {error}");
+    assert!(error.starts_with("crossfall: ") && error.contains(expected), "{error}");
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let mut names: Vec<_> =
+        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+/// A folder with a short simulated drive, `drive.mcap`.
+fn drive() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    ends(&crossfall(folder.path(), &["simulate", "--seconds", "2", "-o", "drive.mcap"]), 0);
+    folder
+}
+
+#[test]
+fn a_drive_goes_through_every_command() {
+    let folder = drive();
+    let at = folder.path();
+    ends(&crossfall(at, &["run", "drive.mcap", "-o", "drive.log.mcap"]), 0);
+    let verified = crossfall(at, &["verify", "drive.log.mcap"]);
+    ends(&verified, 0);
+    assert!(String::from_utf8_lossy(&verified.stdout).contains("all 75 profiles reproduced"));
+    ends(&crossfall(at, &["profiles", "drive.log.mcap", "-o", "drive.csv"]), 0);
+    assert_eq!(fs::read_to_string(at.join("drive.csv")).unwrap().lines().count(), 151);
+    ends(&crossfall(at, &["plot", "drive.log.mcap", "-o", "pictures"]), 0);
+    assert_eq!(names(&at.join("pictures")).len(), 2);
+
+    for (file, kind) in [("drive.mcap", "capture"), ("drive.log.mcap", "log")] {
+        let info = crossfall(at, &["info", file, "--json"]);
+        ends(&info, 0);
+        let info: serde_json::Value = serde_json::from_slice(&info.stdout).unwrap();
+        assert_eq!(info["kind"], kind);
+        assert_eq!((&info["scans"], &info["pulses"]), (&75.into(), &3.into()));
+        assert_eq!(info["counters"]["lidar.bad_frames"], 0);
+    }
+    let report = crossfall(at, &["verify", "drive.log.mcap", "--json"]);
+    let report: serde_json::Value = serde_json::from_slice(&report.stdout).unwrap();
+    assert_eq!((&report["ok"], &report["profiles_reproduced"]), (&true.into(), &75.into()));
+    assert_eq!(report["problems"], serde_json::json!([]));
+}
+
+#[test]
+fn the_demo_proves_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = crossfall(folder.path(), &["demo", "--seconds", "3"]);
+    ends(&output, 0);
+    assert!(String::from_utf8_lossy(&output.stdout).contains("all 112 profiles reproduced"));
+    let made = names(&folder.path().join("crossfall-demo"));
+    for name in ["drive.log.mcap", "drive.mcap", "profiles.csv", "slopes.svg", "truth.csv"] {
+        assert!(made.iter().any(|made| made == name), "{made:?}");
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_file() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["a.mcap", "b.mcap"] {
+        ends(&crossfall(folder.path(), &["simulate", "--seconds", "1", "--seed", "9", "-o", name]), 0);
+    }
+    assert!(fs::read(folder.path().join("a.mcap")).unwrap() == fs::read(folder.path().join("b.mcap")).unwrap());
+}
+
+#[test]
+fn a_foreign_file_is_named_and_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("photo.jpg"), b"\xff\xd8\xff\xe0 not a capture").unwrap();
+    fails(
+        folder.path(),
+        &["run", "photo.jpg", "-o", "a.mcap"],
+        "photo.jpg: not an MCAP file: it begins with FF D8 FF E0",
+    );
+    fails(folder.path(), &["verify", "photo.jpg"], "not an MCAP file");
+    fails(folder.path(), &["info", "photo.jpg"], "not an MCAP file");
+    fails(
+        folder.path(),
+        &["import", "--lidar", "photo.jpg", "-o", "a.mcap"],
+        "photo.jpg: no LMS 2xx telegram in 18 bytes",
+    );
+    fails(folder.path(), &["run", "nowhere.mcap", "-o", "a.mcap"], "nowhere.mcap: ");
+    assert_eq!(names(folder.path()), ["photo.jpg"]);
+}
+
+#[test]
+fn a_truncated_capture_is_measured_as_far_as_it_goes_and_told() {
+    let folder = drive();
+    let whole = fs::read(folder.path().join("drive.mcap")).unwrap();
+    fs::write(folder.path().join("cut.mcap"), &whole[..whole.len() / 2]).unwrap();
+    let error = ends(&crossfall(folder.path(), &["run", "cut.mcap", "-o", "cut.log.mcap"]), 3);
+    assert!(error.contains(&format!("cut.mcap: cut short: the file ends at byte {}", whole.len() / 2)), "{error}");
+    // What was made of it is a whole log.
+    ends(&crossfall(folder.path(), &["verify", "cut.log.mcap"]), 0);
+    let info = crossfall(folder.path(), &["info", "cut.mcap", "--json"]);
+    ends(&info, 3);
+    let info: serde_json::Value = serde_json::from_slice(&info.stdout).unwrap();
+    assert!(info["scans"].as_u64().unwrap() > 20, "{info}");
+}
+
+#[test]
+fn a_truncated_log_is_verified_as_far_as_it_goes_and_told() {
+    let folder = drive();
+    ends(&crossfall(folder.path(), &["run", "drive.mcap", "-o", "drive.log.mcap"]), 0);
+    let whole = fs::read(folder.path().join("drive.log.mcap")).unwrap();
+    fs::write(folder.path().join("cut.mcap"), &whole[..whole.len() / 2]).unwrap();
+    let error = ends(&crossfall(folder.path(), &["verify", "cut.mcap"]), 3);
+    assert!(error.contains("cut short"), "{error}");
+}
+
+#[test]
+fn a_capture_without_its_scanner_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("ins-only.mcap");
+    let mut mcap = mcap::Writer::new(fs::File::create(&path).unwrap()).unwrap();
+    mcap.add_channel(0, "ins", "application/octet-stream", &Default::default()).unwrap();
+    mcap.finish().unwrap();
+    fails(
+        folder.path(),
+        &["run", "ins-only.mcap", "-o", "a.mcap"],
+        "ins-only.mcap: the capture has no channel `lidar`, only `ins`",
+    );
+    assert_eq!(names(folder.path()), ["ins-only.mcap"]);
+}
+
+#[test]
+fn a_log_is_no_capture_and_a_capture_no_log() {
+    let folder = drive();
+    ends(&crossfall(folder.path(), &["run", "drive.mcap", "-o", "drive.log.mcap"]), 0);
+    fails(folder.path(), &["run", "drive.log.mcap", "-o", "a.mcap"], "not a capture: it has `wire`");
+    fails(folder.path(), &["verify", "drive.mcap"], "not a log: it has no channel `wire`");
+    fails(folder.path(), &["profiles", "drive.mcap", "-o", "a.csv"], "not a log");
+    assert_eq!(names(folder.path()), ["drive.log.mcap", "drive.mcap"]);
+}
+
+#[test]
+fn a_scene_or_a_configuration_that_cannot_be_is_refused_by_its_key() {
+    let folder = drive();
+    let at = folder.path();
+    fs::write(at.join("s.toml"), "[drive]\nspeed_kmh = 80\n").unwrap();
+    fails(at, &["simulate", "--scene", "s.toml", "-o", "a.mcap"], "s.toml:2: unknown field `speed_kmh`");
+    fs::write(at.join("s.toml"), "[clock]\ndrift_ppm = 1e6\n").unwrap();
+    fails(at, &["simulate", "--scene", "s.toml", "-o", "a.mcap"], "clock.drift_ppm = 1000000, expected a number from");
+    fs::write(at.join("c.toml"), "[survey.seed]\nonset_mm = 60.0\n").unwrap();
+    let contradiction =
+        "c.toml: survey.seed.onset_mm = 60.0, expected less than survey.seed.departure_mm = 50.0 (T3 < T1)";
+    fails(at, &["run", "drive.mcap", "--config", "c.toml", "-o", "a.mcap"], contradiction);
+    fails(at, &["config", "c.toml"], contradiction);
+    fails(
+        at,
+        &["simulate", "--seconds", "-1", "-o", "a.mcap"].map(|a| if a == "-1" { "0" } else { a }),
+        "drive.seconds = 0",
+    );
+    assert_eq!(names(at), ["c.toml", "drive.mcap", "s.toml"]);
+}
+
+#[test]
+fn an_output_that_cannot_be_written_is_named() {
+    let folder = drive();
+    let at = folder.path();
+    fails(at, &["simulate", "-o", "no/such/folder/a.mcap"], "no/such/folder/a.mcap: cannot write: No such file");
+    fails(at, &["run", "drive.mcap", "-o", "no/a.mcap"], "no/a.mcap: cannot write");
+    fails(at, &["run", "drive.mcap", "-o", "drive.mcap"], "drive.mcap: is read, and cannot be written as well");
+    fs::write(at.join("file"), b"").unwrap();
+    fails(at, &["demo", "-o", "file/demo"], "file/demo: ");
+    assert_eq!(names(at), ["drive.mcap", "file"]);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_is_told() {
+    let folder = drive();
+    fails(folder.path(), &["run", "drive.mcap", "-o", "/dev/full"], "/dev/full: cannot write: No space left");
+}
+
+#[test]
+fn usage_is_told_with_its_own_code() {
+    let folder = tempfile::tempdir().unwrap();
+    for wrong in [&["frobnicate"][..], &["simulate"], &["run"], &["import", "-o", "a.mcap"], &["verify", "a", "--jsn"]]
+    {
+        ends(&crossfall(folder.path(), wrong), 2);
+    }
+    let alone = crossfall(folder.path(), &[]);
+    ends(&alone, 0);
+    assert!(String::from_utf8_lossy(&alone.stdout).contains("Usage: crossfall"));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_reader_that_stops_reading_is_no_error() {
+    let folder = drive();
+    ends(&crossfall(folder.path(), &["run", "drive.mcap", "-o", "drive.log.mcap"]), 0);
+    let mut child = Command::new(env!("CARGO_BIN_EXE_crossfall"))
+        .args(["profiles", "drive.log.mcap"])
+        .current_dir(folder.path())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(ends(&output, 0), "");
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_leaves_nothing_half_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_crossfall"))
+        .args(["simulate", "--seconds", "80000", "-o", "long.mcap"])
+        .current_dir(folder.path())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // Once it has begun to write, and before anything like 80,000 seconds are done.
+    while names(folder.path()).is_empty() {
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(killed.success());
+    assert_eq!(child.wait().unwrap().code(), Some(1));
+    assert_eq!(names(folder.path()), Vec::<String>::new());
+}
+
+/// Every help text, against `tests/help.txt`. With CROSSFALL_UPDATE set, the file is written instead.
+#[test]
+fn help_is_as_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut all = String::new();
+    let commands =
+        ["", "demo", "simulate", "import", "run", "verify", "profiles", "plot", "info", "config", "completions"];
+    for command in commands {
+        let arguments: Vec<_> = [command, "--help"].into_iter().filter(|argument| !argument.is_empty()).collect();
+        let output = crossfall(folder.path(), &arguments);
+        ends(&output, 0);
+        all += &format!("$ crossfall {}\n{}\n", arguments.join(" "), String::from_utf8_lossy(&output.stdout));
+    }
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/help.txt");
+    if std::env::var_os("CROSSFALL_UPDATE").is_some() {
+        fs::write(&path, &all).unwrap();
+    }
+    let expected = fs::read_to_string(&path).unwrap();
+    assert!(all == expected, "help has changed; if it should, run once with CROSSFALL_UPDATE=1\n{all}");
+}

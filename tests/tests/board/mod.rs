@@ -1,0 +1,62 @@
+//! What the tests of the emulated board share: the example capture at half its rates, and the board's log.
+
+use std::path::Path;
+use std::time::Duration;
+
+use crossfall::capture::{self, Channel, Chunk};
+use crossfall::log;
+use crossfall_core::protocol::message::{Command, Message, Session, Status};
+use crossfall_tests::emulator::drive::every_second;
+use crossfall_tests::emulator::{Emulator, Image, Options, image};
+use crossfall_tests::lms_emulator::{Mode, Scanner};
+
+/// First bytes of a scan's telegram of 361 values without indices (TL, B0h) and of a short NovAtel header.
+const TELEGRAM: &[u8] = &[0x02, 0x80, 0xd6, 0x02, 0xb0];
+const SHORT_HEADER: &[u8] = &[0xaa, 0x44, 0x13];
+
+/// The example capture with every second scan and pose: 18.8 scans and 50 poses a second.
+pub fn half_rate_drive(folder: &Path) -> Vec<Chunk> {
+    let all: Vec<Chunk> =
+        capture::Reader::open(&folder.join("example.mcap")).expect("the capture").map(|c| c.expect("whole")).collect();
+    let mut drive = every_second(&all, Channel::Lidar, TELEGRAM);
+    drive.extend(every_second(&all, Channel::Ins, SHORT_HEADER));
+    drive.extend(all.iter().filter(|chunk| chunk.channel == Channel::Pps).cloned());
+    drive.sort_by_key(|chunk| chunk.device_time_ns);
+    drive
+}
+
+/// A board that has been switched on and has brought its scanner up.
+pub fn running_board() -> (Emulator, Scanner) {
+    let mut board = Emulator::start(&image(Image::Board), &Options::default()).expect("a board");
+    let mut scanner = Scanner::waiting_at(9_600);
+    let up = board.converse(&mut scanner, Duration::from_secs(60), |scanner| scanner.mode == Mode::Continuous);
+    assert!(up.expect("a running board"), "the bring-up got as far as {:x?}", scanner.understood);
+    (board, scanner)
+}
+
+/// Stops the survey and waits until every scan has its profile; the status after that, which counts everything.
+pub fn stop(board: &mut Emulator) -> Status {
+    let from = board.link.len();
+    board.command(&Command::Stop).expect("a running board");
+    let limit = Duration::from_secs(60);
+    let stopped = |message: &Message<'_>| matches!(message, Message::Session(Session::Stopped(_))).then_some(());
+    board.link.wait_for(from, limit, stopped).expect("the survey stops");
+    let scans = board.link.collect(|message| matches!(message, Message::Scan(_)).then_some(())).len();
+    let mut profiles = 0;
+    let last = |message: &Message<'_>| {
+        profiles += usize::from(matches!(message, Message::Profile(_)));
+        (profiles == scans).then_some(())
+    };
+    let (at, ()) = board.link.wait_for(0, limit, last).expect("a profile for every scan");
+    let status = |message: &Message<'_>| if let Message::Status(status) = message { Some(*status) } else { None };
+    board.link.wait_for(at, limit, status).expect("a status").1
+}
+
+/// Everything that the board has sent, as a log.
+pub fn write_log(board: &Emulator, path: &Path) {
+    let mut log = log::Writer::create(path).expect("a log");
+    for (n, frame) in board.link.frames().iter().enumerate() {
+        log.frame(n as u64 * 1_000_000, frame).expect("room on the disk");
+    }
+    log.finish().expect("a whole log");
+}

@@ -1,0 +1,192 @@
+//! What goes wrong on the wires: every loss is counted, nothing hangs, and what the board streams verifies all the same.
+
+mod board;
+
+use std::cell::Cell;
+use std::time::Duration;
+
+use crossfall::capture::{Channel, Chunk};
+use crossfall::verify;
+use crossfall_core::protocol::Config;
+use crossfall_core::protocol::config::Method;
+use crossfall_core::protocol::message::{Command, Message, Outcome, PulseVerdict};
+use crossfall_tests::emulator::drive::Step;
+use crossfall_tests::lms_emulator::Mode;
+use crossfall_tests::recordings;
+
+const SECOND_NS: u64 = 1_000_000_000;
+
+/// When each fault happens, in nanoseconds after the drive's first chunk.
+mod schedule {
+    use super::SECOND_NS;
+
+    /// In these seconds every fourth telegram has a bit flipped and noise stands before every fifth.
+    pub const NOISE: std::ops::Range<u64> = SECOND_NS..5 * SECOND_NS;
+    /// The configuration changes ...
+    pub const CONFIGURE: u64 = 6 * SECOND_NS;
+    /// ... the host stops reading and reads again ...
+    pub const DEAF: u64 = 7 * SECOND_NS;
+    pub const LISTENING: u64 = 10 * SECOND_NS;
+    /// ... the scanner's cable is pulled and put back.
+    pub const PULLED: u64 = 10 * SECOND_NS + SECOND_NS / 2;
+    pub const RETURNED: u64 = 12 * SECOND_NS + SECOND_NS / 2;
+}
+
+/// Bytes that begin no telegram and hold no ACK.
+const NOISE: [u8; 11] = [0x55, 0xff, 0x00, 0x7f, 0x80, 0x99, 0x33, 0xcc, 0xaa, 0x5a, 0xa5];
+
+#[test]
+fn faults_on_the_wires_are_counted_and_survived() {
+    let Some(folder) = recordings("capture") else { return };
+    let (mut board, mut scanner) = board::running_board();
+    let drive = board::half_rate_drive(&folder);
+    let begin = drive[0].device_time_ns;
+
+    let (mut flipped, mut noise, mut pulse, mut telegram) = (0, 0, 0, 0);
+    let mut steps = Vec::new();
+    for mut chunk in drive {
+        let at = chunk.device_time_ns - begin;
+        match chunk.channel {
+            Channel::Lidar if schedule::NOISE.contains(&at) => {
+                telegram += 1;
+                if telegram % 4 == 0 {
+                    chunk.data[200] ^= 0x10;
+                    flipped += 1;
+                }
+                if telegram % 5 == 0 {
+                    noise += NOISE.len() as u64;
+                    steps.push(Step::Bytes(Chunk { data: [&NOISE, &chunk.data[..]].concat(), ..chunk }));
+                    continue;
+                }
+            }
+            Channel::Pps => {
+                pulse += 1;
+                let later =
+                    |us: u64| Step::Bytes(Chunk { device_time_ns: chunk.device_time_ns + us * 1_000, ..chunk.clone() });
+                match pulse {
+                    4 => continue,
+                    6 => steps.push(later(300)),
+                    8 => steps.push(later(437_000)),
+                    _ => {}
+                }
+            }
+            _ => {}
+        }
+        steps.push(Step::Bytes(chunk));
+    }
+    let configured = Cell::new(None);
+    let mut seed = Config::default();
+    seed.survey.method = Method::Seed;
+    let mut refused = seed;
+    refused.survey.limits.min_length_um = refused.survey.limits.max_length_um + 1;
+    steps.push(Step::Do(
+        begin + schedule::CONFIGURE,
+        Box::new(|board, _| {
+            let good = board.command(&Command::Configure(seed))?;
+            let bad = board.command(&Command::Configure(refused))?;
+            configured.set(Some((good, bad)));
+            // Half a command, and noise: rejected at the next delimiter.
+            board.link_bytes(&[0x11, 0x22, 0x33, 0x00])
+        }),
+    ));
+    steps.push(Step::Do(
+        begin + schedule::DEAF,
+        Box::new(|board, _| {
+            board.link.pause(true);
+            Ok(())
+        }),
+    ));
+    steps.push(Step::Do(
+        begin + schedule::LISTENING,
+        Box::new(|board, _| {
+            board.link.pause(false);
+            Ok(())
+        }),
+    ));
+    steps.push(Step::Do(
+        begin + schedule::PULLED,
+        Box::new(|_, scanner| {
+            scanner.silent = true;
+            Ok(())
+        }),
+    ));
+    steps.push(Step::Do(
+        begin + schedule::RETURNED,
+        Box::new(|_, scanner| {
+            scanner.silent = false;
+            Ok(())
+        }),
+    ));
+    steps.sort_by_key(Step::device_time_ns);
+
+    let played = board.play(&mut scanner, steps).expect("a running board");
+    let status = board::stop(&mut board);
+    println!("{played:?}\n{status:?}");
+
+    // Every byte and every telegram is accounted for.
+    assert_eq!(u64::from(status.lidar.bad_frames), flipped);
+    assert!(status.lidar.skipped >= flipped * 732 + noise, "{} skipped", status.lidar.skipped);
+    assert_eq!((status.lidar.overruns, status.ins.overruns), (0, 0));
+    assert_eq!((status.pulses_spurious, status.pulses_overrun, status.commands_rejected), (2, 0, 1));
+    assert_eq!(status.frames_dropped, 0);
+    let verdicts =
+        board.link.collect(|message| if let Message::Pulse(pulse) = message { Some(pulse.verdict) } else { None });
+    assert_eq!(verdicts.iter().filter(|&&verdict| verdict == PulseVerdict::Restarted).count(), 1, "{verdicts:?}");
+
+    // The commands were answered, each in its way.
+    let (good, bad) = configured.get().expect("sent");
+    let outcome = |number| {
+        let found = |message: &Message<'_>| match message {
+            Message::Reply(reply) if reply.to == number => Some(reply.outcome),
+            _ => None,
+        };
+        board.link.collect(found)
+    };
+    assert_eq!((outcome(good), outcome(bad)), (vec![Outcome::Done], vec![Outcome::BadConfig]));
+
+    // The scanner's absence is told, and its return.
+    let told = board.link.collect(|message| match message {
+        Message::Log(line) => Some((line.time, String::from_utf8_lossy(line.text).into_owned())),
+        _ => None,
+    });
+    println!("{told:#?}");
+    assert!(told.iter().any(|(_, text)| text.contains("silent")));
+    let stx = board.link.collect(|message| if let Message::Scan(scan) = message { Some(scan.stx) } else { None });
+    let gap_us = stx.windows(2).map(|pair| pair[1].since(pair[0])).max().expect("scans");
+    println!("longest gap between scans: {gap_us} us");
+    assert!((2_000_000..4_100_000).contains(&gap_us), "pulled for 2 s and back within 2 s more: {gap_us}");
+
+    // Nothing is missing on the link, although nobody read it for three seconds, and all of it verifies.
+    assert_eq!(board.link.losses(), (0, 0));
+    let scratch = tempfile::tempdir().expect("a scratch folder");
+    let path = scratch.path().join("board.mcap");
+    board::write_log(&board, &path);
+    let report = verify::verify(&path, |_| ()).expect("a readable log");
+    assert_eq!(report.problems, []);
+    assert_eq!((report.profiles, report.profiles_reproduced), (report.scans, report.scans));
+    let methods =
+        board.link.collect(|message| if let Message::Profile(profile) = message { Some(profile.method) } else { None });
+    assert!(methods.contains(&Method::Measuring) && methods.contains(&Method::Seed));
+}
+
+#[test]
+fn a_scanner_that_restarts_is_set_up_again() {
+    let (mut board, mut scanner) = board::running_board();
+    let scans = |scanner: &mut crossfall_tests::lms_emulator::Scanner, count: usize| -> Vec<u8> {
+        (0..count).filter_map(|_| scanner.scan(&[8_000; 361])).flat_map(|answer| answer.bytes).collect()
+    };
+    let telegrams = scans(&mut scanner, 3);
+    board.lidar.send(&telegrams).expect("a running board");
+    let scan = |message: &Message<'_>| if let Message::Scan(scan) = message { Some(scan.counters) } else { None };
+    let (at, counters) = board.link.wait_for(0, Duration::from_secs(30), scan).expect("a scan");
+    assert!(counters.is_some(), "the bring-up has enabled the indices");
+
+    scanner.refusals = 2;
+    let _lost = scanner.restart();
+    let up = board.converse(&mut scanner, Duration::from_secs(60), |scanner| scanner.mode == Mode::Continuous);
+    assert!(up.expect("a running board"), "the bring-up got as far as {:x?}", scanner.understood);
+    assert_eq!((scanner.baud, scanner.variant), (500_000, (180, 50)));
+    let telegrams = scans(&mut scanner, 3);
+    board.lidar.send(&telegrams).expect("a running board");
+    assert!(board.link.wait_for(at + 3, Duration::from_secs(30), scan).is_some(), "scans again");
+}
