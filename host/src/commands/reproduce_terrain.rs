@@ -51,7 +51,8 @@ fn scenes(seed: u64) -> Vec<(String, TerrainScene)> {
         scene.speed_mps = speed;
         all.push((name.to_owned(), scene));
     }
-    let knots = |list: &[(f64, f64)]| list.iter().map(|(at_m, grade)| GradeKnot { at_m: *at_m, grade: *grade }).collect();
+    let knots =
+        |list: &[(f64, f64)]| list.iter().map(|(at_m, grade)| GradeKnot { at_m: *at_m, grade: *grade }).collect();
     let mut ramp = base();
     ramp.road.profile = knots(&[(0.0, 0.03), (45.0, 0.03), (51.0, 0.12), (200.0, 0.12)]);
     all.push(("ramp +12 % on 3 %".to_owned(), ramp));

@@ -209,7 +209,8 @@ fn write_maps(args: &Args, mapper: &Mapper<'_>, vehicle: &SensorPose, summary: &
     if args.csv {
         raster.write_csv(&path("cells.csv"))?;
     }
-    let view = if args.at.is_some() || args.window { View { zoom: 2, ..around(vehicle, args.range) } } else { raster.view() };
+    let view =
+        if args.at.is_some() || args.window { View { zoom: 2, ..around(vehicle, args.range) } } else { raster.view() };
     draw(&raster, view, Some(vehicle), &path("risk.png"))
 }
 

@@ -12,12 +12,7 @@ use super::{Outcome, tell};
 pub const DEFAULT_SCENE: &str = include_str!("../../scenes/terrain.toml");
 
 /// Simulates the scene of a file, or the default one, into a folder.
-pub fn run(
-    file: Option<&Path>,
-    seconds: Option<f64>,
-    seed: Option<u64>,
-    output: &Path,
-) -> anyhow::Result<Outcome> {
+pub fn run(file: Option<&Path>, seconds: Option<f64>, seed: Option<u64>, output: &Path) -> anyhow::Result<Outcome> {
     let named = file.map_or_else(|| "the default scene".to_owned(), |path| path.display().to_string());
     let text = match file {
         Some(path) => std::fs::read_to_string(path).with_context(|| named.clone())?,

@@ -34,9 +34,7 @@ pub fn draw(judged: &Judged, path: &Path) -> Result<()> {
         let series = |values: &[f64]| -> Vec<(f64, f64)> {
             DISTANCES.zip(values).map(|(distance, value)| (f64::from(distance), *value)).collect()
         };
-        chart
-            .draw_series(LineSeries::new([(8.0, 0.54), (75.0, 0.54)], BLACK.mix(0.4)))
-            .map_err(|e| failed(&e))?;
+        chart.draw_series(LineSeries::new([(8.0, 0.54), (75.0, 0.54)], BLACK.mix(0.4))).map_err(|e| failed(&e))?;
         for (name, values, colour) in [
             ("driving risk map", &judged.map.occupancy, RGBColor(180, 40, 30)),
             ("clusters of one frame", &judged.conventional.occupancy, RGBColor(40, 90, 170)),

@@ -183,8 +183,7 @@ impl TerrainScene {
             let (x, y, heading) = self.road.place(station, lateral);
             let z = self.road.smooth_height(station, lateral);
             let (sin, cos) = (libm::sin(heading), libm::cos(heading));
-            let velocity =
-                [body.speed_mps * cos - body.across_mps * sin, body.speed_mps * sin + body.across_mps * cos];
+            let velocity = [body.speed_mps * cos - body.across_mps * sin, body.speed_mps * sin + body.across_mps * cos];
             let mut part = |along: f64, left: f64, up: f64, size: [f64; 3]| {
                 all.push(Cuboid {
                     base: [x + along * cos - left * sin, y + along * sin + left * cos, z + up],

@@ -201,9 +201,11 @@ fn point_columns(scene: &TerrainScene, points: &[(f64, f64)], centre: f64) -> [b
 fn plain(scene: &TerrainScene, station: f64, lateral: f64) -> bool {
     scene.road.outside(lateral) < -0.7
         && scene.road.bumps.iter().all(|bump| (station - bump.at_m).abs() > bump.length_m / 2.0 + 1.0)
-        && scene.road.potholes.iter().all(|hole| {
-            (station - hole.at_m).hypot(lateral - hole.lateral_m) > hole.radius_m + 1.0
-        })
+        && scene
+            .road
+            .potholes
+            .iter()
+            .all(|hole| (station - hole.at_m).hypot(lateral - hole.lateral_m) > hole.radius_m + 1.0)
 }
 
 fn carriageway(scene: &TerrainScene, from: f64, to: f64) -> impl Iterator<Item = (f64, f64)> {

@@ -260,7 +260,9 @@ fn list_frames(folder: &Path) -> Result<Vec<PathBuf>, Error> {
         }
     }
     let Some(last) = numbered.keys().next_back().copied() else { return Err(Error::NoFrames(folder.into())) };
-    if let Some(missing) = numbered.keys().copied().zip(0..).find_map(|(number, wanted)| (number != wanted).then_some(wanted)) {
+    if let Some(missing) =
+        numbered.keys().copied().zip(0..).find_map(|(number, wanted)| (number != wanted).then_some(wanted))
+    {
         return Err(Error::Gap { folder: velodyne, missing, last });
     }
     Ok(numbered.into_values().collect())

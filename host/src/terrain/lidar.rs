@@ -178,9 +178,8 @@ fn cast(
 }
 
 fn ground(road: &Road, from: [f64; 3], direction: [f64; 3], limit: f64) -> Option<f64> {
-    let above = |t: f64| {
-        from[2] + direction[2] * t - road.height(from[0] + direction[0] * t, from[1] + direction[1] * t)
-    };
+    let above =
+        |t: f64| from[2] + direction[2] * t - road.height(from[0] + direction[0] * t, from[1] + direction[1] * t);
     let steep = 0.22f64.max(road.steepest_bump());
     let mut t = 0.8;
     let mut clear = above(t);
@@ -224,8 +223,7 @@ impl Cuboid {
             return None;
         }
         let origin = [dx * cos + dy * sin, dy * cos - dx * sin, from[2] - self.base[2]];
-        let ray =
-            [direction[0] * cos + direction[1] * sin, direction[1] * cos - direction[0] * sin, direction[2]];
+        let ray = [direction[0] * cos + direction[1] * sin, direction[1] * cos - direction[0] * sin, direction[2]];
         let low = [-self.size[0], -self.size[1], 0.0];
         let (mut enter, mut leave) = (0.0f64, f64::INFINITY);
         for axis in 0..3 {

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use crossfall_core::terrain::{
-    Cell, FrameReport, IMAGE_COLUMNS, IMAGE_ROWS, Marks, MovingBox, Pair, Pose, RangePixels, Sample, SetUpError, Storage,
-    TILE_SIDE, TerrainConfig, TerrainMap, Tile, TileKey,
+    Cell, FrameReport, IMAGE_COLUMNS, IMAGE_ROWS, Marks, MovingBox, Pair, Pose, RangePixels, Sample, SetUpError,
+    Storage, TILE_SIDE, TerrainConfig, TerrainMap, Tile, TileKey,
 };
 
 use super::lidar::SensorPose;
@@ -91,7 +91,13 @@ impl<'a> Mapper<'a> {
     }
 
     /// Takes a frame in.
-    pub fn integrate(&mut self, points: &[[f32; 4]], pose: &SensorPose, dt_us: u32, boxes: &[MovingBox]) -> FrameReport {
+    pub fn integrate(
+        &mut self,
+        points: &[[f32; 4]],
+        pose: &SensorPose,
+        dt_us: u32,
+        boxes: &[MovingBox],
+    ) -> FrameReport {
         let (behind, keep) = (&mut self.behind, self.keep);
         let report = self.map.integrate(points, &to_core(pose), dt_us, boxes, |tile| {
             if keep {
@@ -145,5 +151,8 @@ impl<'a> Mapper<'a> {
 #[must_use]
 pub fn to_core(pose: &SensorPose) -> Pose {
     let micrometres = |metres: f64| if metres.is_finite() { (metres * 1e6).round() as i64 } else { i64::MAX };
-    Pose { rotation: pose.rotation.map(|row| row.map(|value| value as f32)), position_um: pose.position.map(micrometres) }
+    Pose {
+        rotation: pose.rotation.map(|row| row.map(|value| value as f32)),
+        position_um: pose.position.map(micrometres),
+    }
 }

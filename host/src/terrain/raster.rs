@@ -68,8 +68,7 @@ impl Raster {
         let span = |axis: usize| (high[axis] - low[axis] + 1) as usize * side;
         let cell_m = mapper.map().cell_um() as f64 * 1e-6;
         let corner = [f64::from(low[0]), f64::from(low[1])].map(|tile| tile * side as f64 * cell_m);
-        let mut raster =
-            Self { cell_m, corner, width: span(0), height: span(1), cells: vec![None; span(0) * span(1)] };
+        let mut raster = Self { cell_m, corner, width: span(0), height: span(1), cells: vec![None; span(0) * span(1)] };
         for (key, tile) in tiles {
             for row in 0..side {
                 for column in 0..side {
@@ -143,7 +142,10 @@ impl Raster {
     /// All known cells with column and row, row by row.
     pub fn iter(&self) -> impl Iterator<Item = (usize, usize, &RasterCell)> {
         let width = self.width.max(1);
-        self.cells.iter().enumerate().filter_map(move |(index, cell)| Some((index % width, index / width, cell.as_ref()?)))
+        self.cells
+            .iter()
+            .enumerate()
+            .filter_map(move |(index, cell)| Some((index % width, index / width, cell.as_ref()?)))
     }
 
     /// Writes `x_m,y_m,elevation_m,sigma_m,risk,class`, one row a known cell.
@@ -211,8 +213,7 @@ impl Raster {
             tags.write_tag(Tag::ModelPixelScaleTag, &[self.cell_m, self.cell_m, 0.0][..]).with_context(writing)?;
             tags.write_tag(Tag::ModelTiepointTag, &[0.0, 0.0, 0.0, self.corner[0], top, 0.0][..])
                 .with_context(writing)?;
-            let keys: [u16; 20] =
-                [1, 1, 1, 4, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 32_767, 3076, 0, 1, 9001];
+            let keys: [u16; 20] = [1, 1, 1, 4, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 32_767, 3076, 0, 1, 9001];
             tags.write_tag(Tag::GeoKeyDirectoryTag, &keys[..]).with_context(writing)?;
             tags.write_tag(Tag::GdalNodata, no_data).with_context(writing)?;
             image.write_data(data).with_context(writing)?;

@@ -139,7 +139,7 @@ impl Road {
         let radius = 1.0 / self.curvature_per_m;
         let outward = radius - left;
         let sign = radius.signum();
-        let angle = libm::atan2(along * sign, outward * sign);
+        let angle = libm::atan2(along, outward * sign);
         (angle * radius.abs(), sign * (radius.abs() - libm::sqrt(along * along + outward * outward)))
     }
 
@@ -198,9 +198,7 @@ impl Road {
             for bump in &self.bumps {
                 let along = station - bump.at_m;
                 if 2.0 * along.abs() < bump.length_m {
-                    z += 0.5
-                        * bump.height_m
-                        * (1.0 + libm::cos(2.0 * core::f64::consts::PI * along / bump.length_m));
+                    z += 0.5 * bump.height_m * (1.0 + libm::cos(2.0 * core::f64::consts::PI * along / bump.length_m));
                 }
             }
             for hole in &self.potholes {

@@ -1,7 +1,7 @@
 //! What a risky cell is: a curb, a bump, a drop, or nothing that can be told.
 //!
 //! Through each risky cell four profiles are laid, along x, y and both diagonals. The ground level on either flank is the mean of
-//! the known cells 0.5 to 0.9 m away, the road's gradient taken out. A difference between the flanks is a step: a curb where
+//! the known cells 0.7 to 1 m away, the road's gradient taken out. A difference between the flanks is a step: a curb where
 //! the road's side is the lower, a drop where it is the higher. Equal flanks with the middle above are a
 //! bump, with the middle below a hole, which is a drop too. The profile that shows most decides; confidence grows with what it shows
 //! over what it doubts.
@@ -12,7 +12,8 @@ use super::window::Window;
 
 /// Least difference that makes a shape: 1.5 cm in quarter millimetres.
 const LEAST: i32 = 60;
-const FLANK: core::ops::RangeInclusive<i32> = 5..=9;
+/// Cells to the level beside: past the far side of a bump 0.9 m long from either of its ends.
+const FLANK: core::ops::RangeInclusive<i32> = 7..=10;
 
 /// Where the vehicle is and where it heads, to tell the road's side of a step.
 #[derive(Clone, Copy, Debug)]
@@ -121,10 +122,10 @@ fn confidence(shown: i32, doubt: i32) -> u8 {
     share.clamp(0, 31) as u8
 }
 
-/// Heights of a tile and of ten cells around it, above the tile's base, its gradient taken out.
+/// Heights of a tile and of twelve cells around it, above the tile's base, its gradient taken out.
 struct Surroundings([[i16; ACROSS]; ACROSS]);
 
-const HALO: i32 = 10;
+const HALO: i32 = 12;
 const ACROSS: usize = TILE_SIDE + 2 * HALO as usize;
 /// Nothing is known here; no height reaches it.
 const UNKNOWN: i16 = i16::MIN;

@@ -196,8 +196,7 @@ impl<'a> TerrainMap<'a> {
 
         let mut projection = Projection::new(pose, self.cell_um, &self.window, self.datum_um);
         let reach = (self.config.nearest_m, self.config.farthest_m);
-        let (alignment, correction) =
-            align(points, &projection, &self.window, self.pairs, reach, self.config.cell_m);
+        let (alignment, correction) = align(points, &projection, &self.window, self.pairs, reach, self.config.cell_m);
         report.alignment = alignment;
         if alignment.compared >= 300 && alignment.within.saturating_mul(3) < alignment.compared {
             self.misfits = self.misfits.saturating_add(1);
@@ -234,15 +233,8 @@ impl<'a> TerrainMap<'a> {
         self.fuse(used, &mut report.points);
         let stamp = self.stamp();
         raise(&mut self.window, self.marks, stamp);
-        report.cleared = look_through(
-            &mut self.window,
-            self.marks,
-            &self.image,
-            &projection,
-            pose,
-            &self.config,
-            stamp,
-        );
+        report.cleared =
+            look_through(&mut self.window, self.marks, &self.image, &projection, pose, &self.config, stamp);
         report.refreshed = self.refresh(false);
         report
     }
@@ -399,9 +391,10 @@ impl<'a> TerrainMap<'a> {
             let near = TileKey { x: key.x.wrapping_add(dx), y: key.y.wrapping_add(dy) };
             let Some(other) = self.window.tile(near).filter(|tile| tile.known >= 12) else { continue };
             // Gradients that differ by less than 2.5 % (40 units over 0.4 m) are the same.
-            let fresh = tried.iter().take(count).all(|held| {
-                held.iter().zip(other.rise).any(|(a, b)| a.saturating_sub(b).unsigned_abs() > 40)
-            });
+            let fresh = tried
+                .iter()
+                .take(count)
+                .all(|held| held.iter().zip(other.rise).any(|(a, b)| a.saturating_sub(b).unsigned_abs() > 40));
             let Some(entry) = tried.get_mut(count).filter(|_| fresh) else { continue };
             *entry = other.rise;
             count += 1;

@@ -129,10 +129,8 @@ fn expected(window: &Window<'_>, tile: &Tile) -> Option<(i32, [i32; 2])> {
         let Some(other) = window.tile(key).filter(|other| other.known >= KNOWN) else { continue };
         let rise = other.rise.map(i32::from);
         // A tile is four times the four cells that the rise spans.
-        let level = other
-            .base
-            .saturating_add(i32::from(other.ground))
-            .saturating_sub(4 * (dx * rise[0] + dy * rise[1]));
+        let level =
+            other.base.saturating_add(i32::from(other.ground)).saturating_sub(4 * (dx * rise[0] + dy * rise[1]));
         if best.is_none_or(|(held, _)| level < held) {
             best = Some((level, rise));
         }

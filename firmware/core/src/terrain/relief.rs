@@ -1,6 +1,6 @@
 //! First-order differentiation that knows what the heights are worth.
 //!
-//! The relief of a cell is the largest height minus the smallest within 5 x 5 cells (3 x 3 where that holds less than half of it, so
+//! The relief of a cell is the largest height minus the smallest within 5 x 5 cells (3 x 3 where that holds less than a quarter of it, so
 //! that an edge is not smeared over half a metre), the road's gradient taken out; every height
 //! is drawn towards the other end by 0.7 sigma first, so a step must survive both intervals and noise alone gives none.
 //! Where cells are empty the extremes of their neighbours flow in, at most three cells, through empty cells only: two
@@ -39,10 +39,16 @@ pub(crate) type Relief = [[i16; TILE_SIDE]; TILE_SIDE];
 
 impl Patch {
     pub(crate) fn gather(window: &Window<'_>, tile: &Tile) -> Self {
-        let mut patch =
-            Self { height: [[0; WIDTH]; ROWS], margin: [[0; WIDTH]; ROWS], known: [[0; WIDTH]; ROWS], all_known: true, any_known: false };
+        let mut patch = Self {
+            height: [[0; WIDTH]; ROWS],
+            margin: [[0; WIDTH]; ROWS],
+            known: [[0; WIDTH]; ROWS],
+            all_known: true,
+            any_known: false,
+        };
         for (dy, rows) in [(-1, 0..HALO), (0, HALO..HALO + TILE_SIDE), (1, HALO + TILE_SIDE..ROWS)] {
-            for (dx, columns) in [(-1, 0..HALO), (0, HALO..HALO + TILE_SIDE), (1, HALO + TILE_SIDE..2 * HALO + TILE_SIDE)]
+            for (dx, columns) in
+                [(-1, 0..HALO), (0, HALO..HALO + TILE_SIDE), (1, HALO + TILE_SIDE..2 * HALO + TILE_SIDE)]
             {
                 let key = TileKey { x: tile.key.x.wrapping_add(dx), y: tile.key.y.wrapping_add(dy) };
                 let Some(source) = window.tile(key).filter(|source| source.in_use) else {
@@ -105,9 +111,7 @@ impl Patch {
             *value = (i32::from(rise[0]) * (column as i32 - 13) / 4) as i16;
         }
         let planes = self.height.iter().zip(&self.margin);
-        for (row, ((heights, margins), (high, low))) in
-            planes.zip(high.iter_mut().zip(low.iter_mut())).enumerate()
-        {
+        for (row, ((heights, margins), (high, low))) in planes.zip(high.iter_mut().zip(low.iter_mut())).enumerate() {
             let up = (i32::from(rise[1]) * (row as i32 - 13) / 4) as i16;
             intervals(heights, margins, &along, up, high, low);
         }
@@ -190,7 +194,7 @@ fn fill_empty(around: [&(Row, Row); 3], known: &Row, high: &mut Row, low: &mut R
     }
 }
 
-/// Largest minus smallest over 5 x 5 cells, or over 3 x 3 where that is less than half of it: the edge is then further off
+/// Largest minus smallest over 5 x 5 cells, or over 3 x 3 where that is less than a quarter of it: the edge is then further off
 /// than a cell. `i16::MIN` where nothing is known and no neighbour reaches: nothing to judge.
 #[inline(never)]
 fn span(five: [&(Row, Row); 5], three: [&(Row, Row); 3], own: &Row, out: &mut [i16; TILE_SIDE]) {
@@ -204,7 +208,7 @@ fn span(five: [&(Row, Row); 5], three: [&(Row, Row); 3], own: &Row, out: &mut [i
         let top = a.0[at].max(b.0[at]).max(c.0[at]);
         let bottom = a.1[at].min(b.1[at]).min(c.1[at]);
         let near = top.saturating_sub(bottom).max(0);
-        let relief = if near >= wide >> 1 { wide } else { near };
+        let relief = if near >= wide >> 2 { wide } else { near };
         *out = if own[at] == NO_HIGH { i16::MIN } else { relief };
     }
 }

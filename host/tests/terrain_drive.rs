@@ -1,0 +1,120 @@
+//! A simulated drive with a coarse sensor, through the map and out into files.
+
+use std::collections::BTreeSet;
+
+use crossfall::terrain::drive::{Body, Shape, TerrainScene};
+use crossfall::terrain::lidar::Lidar;
+use crossfall::terrain::mapper::Workshop;
+use crossfall::terrain::raster::Raster;
+use crossfall_core::terrain::{SLOW, TerrainConfig};
+
+fn scene() -> TerrainScene {
+    let lidar = Lidar { columns: 600, ..Lidar::default() };
+    let mut scene = TerrainScene { frames: 16, lidar, ..TerrainScene::default() };
+    scene.road.heading_deg = 25.0;
+    scene
+}
+
+fn map(scene: &TerrainScene, judge: impl FnOnce(&crossfall::terrain::mapper::Mapper<'_>, f64)) {
+    let mut workshop = Workshop::for_range(TerrainConfig::default(), 40.0, 100_000);
+    let mut mapper = workshop.open().unwrap();
+    let mut time_s = 0.0;
+    for index in 0..scene.frames {
+        let frame = scene.frame(index).unwrap();
+        let report = mapper.integrate(&frame.points, &frame.reported, 100_000, &[]);
+        assert_eq!(report.refused, None, "frame {index}");
+        time_s = frame.time_s;
+    }
+    mapper.refresh();
+    judge(&mapper, scene.station(time_s));
+}
+
+#[test]
+fn both_curbs_are_risky_and_the_road_between_them_is_not() {
+    let scene = scene();
+    map(&scene, |mapper, station| {
+        let (mut plain, mut wrong) = (0, 0);
+        let mut seen = [0; 2];
+        for along in 0..200 {
+            let at = station + 6.0 + 0.1 * f64::from(along);
+            for across in -27..=27 {
+                let (x, y, _) = scene.road.place(at, 0.1 * f64::from(across));
+                if let Some(cell) = mapper.cell_at(x, y) {
+                    plain += 1;
+                    wrong += i32::from(cell.risk >= SLOW);
+                }
+            }
+            for (seen, curb) in seen.iter_mut().zip([scene.road.left_curb_m, scene.road.right_curb_m]) {
+                let hit = (-2..=2).any(|k| {
+                    let (x, y, _) = scene.road.place(at, curb + 0.1 * f64::from(k));
+                    mapper.cell_at(x, y).is_some_and(|cell| cell.risk >= SLOW)
+                });
+                *seen += i32::from(hit);
+            }
+        }
+        assert!(plain > 9_000 && wrong * 200 < plain, "{wrong} of {plain}");
+        assert!(seen.iter().all(|count| *count >= 180), "{seen:?}");
+    });
+}
+
+#[test]
+fn the_same_scene_gives_the_same_points_and_the_same_map() {
+    let run = || {
+        let scene = TerrainScene { frames: 4, ..scene() };
+        let mut cells = Vec::new();
+        map(&scene, |mapper, _| {
+            let raster = Raster::of(mapper).unwrap();
+            cells = raster.iter().map(|(x, y, c)| (x, y, c.cell.height, c.cell.risk, c.cell.class)).collect();
+        });
+        cells
+    };
+    let first = run();
+    assert!(first.len() > 10_000);
+    assert!(first == run());
+}
+
+#[test]
+fn a_parked_car_stands_and_a_post_does_too() {
+    let mut scene = scene();
+    let body = |shape, at_m, lateral_m| Body { shape, at_m, lateral_m, speed_mps: 0.0, across_mps: 0.0 };
+    scene.bodies = vec![body(Shape::Car, 25.0, -2.0), body(Shape::Post, 22.0, 4.5)];
+    map(&scene, |mapper, _| {
+        for (at, lateral) in [(22.8, -2.0), (22.0, 4.5)] {
+            let standing = (-3..=3).flat_map(|i| (-3..=3).map(move |k| (i, k))).any(|(i, k)| {
+                let (x, y, _) = scene.road.place(at + 0.1 * f64::from(i), lateral + 0.1 * f64::from(k));
+                mapper.cell_at(x, y).is_some_and(|cell| cell.tall && cell.risk == 255)
+            });
+            assert!(standing, "nothing stands at {at} {lateral}");
+        }
+    });
+}
+
+#[test]
+fn the_table_of_cells_and_the_rasters_say_the_same() {
+    let scene = TerrainScene { frames: 4, ..scene() };
+    map(&scene, |mapper, _| {
+        let raster = Raster::of(mapper).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let table = folder.path().join("cells.csv");
+        raster.write_csv(&table).unwrap();
+        let mut reader = csv::Reader::from_path(&table).unwrap();
+        assert_eq!(reader.headers().unwrap(), &["x_m", "y_m", "elevation_m", "sigma_m", "risk", "class"][..]);
+        let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+        assert_eq!(rows.len(), raster.iter().count());
+        let classes: BTreeSet<&str> = rows.iter().map(|row| row.get(5).unwrap()).collect();
+        assert!(classes.contains("free") && classes.contains("curb"), "{classes:?}");
+        assert!(rows.iter().all(|row| row.iter().take(5).all(|value| value.parse::<f64>().unwrap().is_finite())));
+
+        let picture = folder.path().join("elevation.tif");
+        raster.write_floats(&picture, |cell| cell.elevation_m as f32).unwrap();
+        let mut decoder = tiff::decoder::Decoder::new(std::fs::File::open(&picture).unwrap()).unwrap();
+        assert_eq!(decoder.dimensions().unwrap(), (raster.width as u32, raster.height as u32));
+        let tie = decoder.get_tag_f64_vec(tiff::tags::Tag::ModelTiepointTag).unwrap();
+        assert_eq!(&tie[..3], &[0.0, 0.0, 0.0]);
+        assert!((tie[3] - raster.corner[0]).abs() < 1e-9);
+        let tiff::decoder::DecodingResult::F32(values) = decoder.read_image().unwrap() else { panic!("not floats") };
+        let (column, row, cell) = raster.iter().nth(1000).unwrap();
+        let value = values[(raster.height - 1 - row) * raster.width + column];
+        assert_eq!(value, cell.elevation_m as f32);
+    });
+}
