@@ -127,12 +127,15 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut points = Vec::new();
     let mut times = Vec::new();
     let mut vehicle = None;
+    // Time since the last frame that reached the map: frames that could not be read count as well.
+    let mut step_us = 0u32;
     for index in 0..=last {
         if interrupt::requested() {
             bail!("interrupted");
         }
         summary.frames += 1;
         progress.at(index as u64);
+        step_us = step_us.saturating_add(folder.step_us(index));
         if let Err(error) = folder.points(index, &mut points) {
             tell!("frame {index}: left out: {error}");
             summary.refused += 1;
@@ -140,7 +143,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
         let pose = folder.pose(index).ok_or_else(|| anyhow!("frame {index} has no pose"))?;
         let started = Instant::now();
-        let report = mapper.integrate(&points, pose, folder.step_us(index), folder.boxes(index));
+        let report = mapper.integrate(&points, pose, step_us, folder.boxes(index));
+        step_us = 0;
         let ms = started.elapsed().as_secs_f64() * 1e3;
         summary.account(&report);
         tell_frame(index, &report);

@@ -212,8 +212,8 @@ impl<'a> TerrainMap<'a> {
         }
         self.misfits = 0;
 
-        for mark in self.marks.iter_mut() {
-            mark.reset();
+        for (mark, tile) in self.marks.iter_mut().zip(self.window.tiles.iter()) {
+            mark.reset(tile);
         }
         self.image.clear();
         let used = project(

@@ -18,6 +18,8 @@ const KNOWN: u16 = 8;
 pub struct Marks {
     pub(crate) touched: bool,
     pub(crate) any_hit: bool,
+    /// The map knows this tile's ground: its points need no histogram.
+    settled: bool,
     points: u16,
     reference: i32,
     /// Ground at the tile's centre above the datum, and its rise over four cells.
@@ -37,6 +39,7 @@ impl Marks {
     pub const EMPTY: Self = Self {
         touched: false,
         any_hit: false,
+        settled: false,
         points: 0,
         reference: 0,
         ground: 0,
@@ -47,17 +50,21 @@ impl Marks {
         boxed: [0; TILE_SIDE],
     };
 
-    /// Ready for a frame.
-    pub(crate) fn reset(&mut self) {
+    /// Ready for a frame over a tile.
+    pub(crate) fn reset(&mut self, tile: &Tile) {
         if self.touched {
             *self = Self::EMPTY;
         }
+        self.settled = tile.known >= KNOWN;
     }
 
     #[inline]
     pub(crate) fn touch(&mut self, z: i32) {
+        self.touched = true;
+        if self.settled {
+            return;
+        }
         if self.points == 0 {
-            self.touched = true;
             self.reference = z;
         }
         self.points = self.points.saturating_add(1);

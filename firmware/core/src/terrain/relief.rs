@@ -1,6 +1,6 @@
 //! First-order differentiation that knows what the heights are worth.
 //!
-//! The relief of a cell is the largest height minus the smallest within 5 x 5 cells (3 x 3 where that holds less than a quarter of it, so
+//! The relief of a cell is the largest height minus the smallest within 5 x 5 cells (3 x 3 where that holds less than three eighths of it, so
 //! that an edge is not smeared over half a metre), the road's gradient taken out; every height
 //! is drawn towards the other end by 0.7 sigma first, so a step must survive both intervals and noise alone gives none.
 //! Where cells are empty the extremes of their neighbours flow in, at most three cells, through empty cells only: two
@@ -164,21 +164,37 @@ fn intervals(heights: &Row, margins: &Row, along: &Row, up: i16, high: &mut Row,
     }
 }
 
+/// A row with two columns of nothing on each side, so that windows over it are whole vectors.
+#[inline(always)]
+fn padded(row: &Row, nothing: i16) -> [i16; WIDTH + 4] {
+    let mut out = [nothing; WIDTH + 4];
+    for column in 0..WIDTH {
+        out[column + 2] = row[column];
+    }
+    out
+}
+
 #[inline(never)]
 fn widen_three(high: &Row, low: &Row, top: &mut Row, bottom: &mut Row) {
-    for column in 0..WIDTH - 2 {
-        top[column + 1] = high[column].max(high[column + 1]).max(high[column + 2]);
-        bottom[column + 1] = low[column].min(low[column + 1]).min(low[column + 2]);
+    let (high, low) = (padded(high, NO_HIGH), padded(low, NO_LOW));
+    for column in 0..WIDTH {
+        top[column] = high[column + 1].max(high[column + 2]).max(high[column + 3]);
+    }
+    for column in 0..WIDTH {
+        bottom[column] = low[column + 1].min(low[column + 2]).min(low[column + 3]);
     }
 }
 
 #[inline(never)]
 fn widen_five(high: &Row, low: &Row, top: &mut Row, bottom: &mut Row) {
-    for column in 0..WIDTH - 4 {
+    let (high, low) = (padded(high, NO_HIGH), padded(low, NO_LOW));
+    for column in 0..WIDTH {
         let (near, far) = (high[column + 1].max(high[column + 3]), high[column].max(high[column + 4]));
-        top[column + 2] = near.max(far).max(high[column + 2]);
+        top[column] = near.max(far).max(high[column + 2]);
+    }
+    for column in 0..WIDTH {
         let (near, far) = (low[column + 1].min(low[column + 3]), low[column].min(low[column + 4]));
-        bottom[column + 2] = near.min(far).min(low[column + 2]);
+        bottom[column] = near.min(far).min(low[column + 2]);
     }
 }
 
@@ -194,7 +210,7 @@ fn fill_empty(around: [&(Row, Row); 3], known: &Row, high: &mut Row, low: &mut R
     }
 }
 
-/// Largest minus smallest over 5 x 5 cells, or over 3 x 3 where that is less than a quarter of it: the edge is then further off
+/// Largest minus smallest over 5 x 5 cells, or over 3 x 3 where that is less than three eighths of it: the edge is then further off
 /// than a cell. `i16::MIN` where nothing is known and no neighbour reaches: nothing to judge.
 #[inline(never)]
 fn span(five: [&(Row, Row); 5], three: [&(Row, Row); 3], own: &Row, out: &mut [i16; TILE_SIDE]) {
@@ -208,7 +224,7 @@ fn span(five: [&(Row, Row); 5], three: [&(Row, Row); 3], own: &Row, out: &mut [i
         let top = a.0[at].max(b.0[at]).max(c.0[at]);
         let bottom = a.1[at].min(b.1[at]).min(c.1[at]);
         let near = top.saturating_sub(bottom).max(0);
-        let relief = if near >= wide >> 2 { wide } else { near };
+        let relief = if near >= (wide >> 1) - (wide >> 3) { wide } else { near };
         *out = if own[at] == NO_HIGH { i16::MIN } else { relief };
     }
 }
