@@ -168,8 +168,8 @@ fn intervals(heights: &Row, margins: &Row, along: &Row, up: i16, high: &mut Row,
 #[inline(always)]
 fn padded(row: &Row, nothing: i16) -> [i16; WIDTH + 4] {
     let mut out = [nothing; WIDTH + 4];
-    for column in 0..WIDTH {
-        out[column + 2] = row[column];
+    for (out, value) in out.iter_mut().skip(2).zip(row) {
+        *out = *value;
     }
     out
 }
