@@ -2,7 +2,7 @@
 //!
 //! RANSAC fits a ground plane to the points ahead on each side of the vehicle, least squares over its inliers refines it; points that stand more
 //! than a threshold above it are clustered by distance, and clusters of enough points are obstacles. Threshold, distance and size are
-//! parameters; [`tuned`] is the set that sees the 12 cm curb of the seed scene furthest without false obstacles on its road.
+//! parameters; how those of [`tuned`] were chosen is told in `docs/risk-map.md`.
 
 use std::collections::HashMap;
 
