@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use crossfall::capture::{self, Channel, Chunk};
 use crossfall::log;
-use crossfall_core::protocol::message::{Command, Message, Session, Status};
+use crossfall_core::protocol::DeviceTime;
+use crossfall_core::protocol::message::{Command, Level, Message, Session, Status};
 use crossfall_tests::emulator::drive::every_second;
 use crossfall_tests::emulator::{Emulator, Image, Options, image};
 use crossfall_tests::lms_emulator::{Mode, Scanner};
@@ -50,6 +51,16 @@ pub fn stop(board: &mut Emulator) -> Status {
     let (at, ()) = board.link.wait_for(0, limit, last).expect("a profile for every scan");
     let status = |message: &Message<'_>| if let Message::Status(status) = message { Some(*status) } else { None };
     board.link.wait_for(at, limit, status).expect("a status").1
+}
+
+/// What the board has told in words, and when.
+pub fn told(board: &Emulator) -> Vec<(DeviceTime, String)> {
+    board.link.collect(|message| match message {
+        Message::Log(line) if line.level != Level::Defmt => {
+            Some((line.time, String::from_utf8_lossy(line.text).into_owned()))
+        }
+        _ => None,
+    })
 }
 
 /// Everything that the board has sent, as a log.
