@@ -11,8 +11,8 @@
 //! rock test (vehicle rocked while parked on level ground, the median-slope paper's figure 5) both are there. While driving, the
 //! cross slope is not known to better than roads are built, and the offset's uncertainty says so.
 //!
-//! Standard errors allow for errors that last: those of the mean are taken from half-second means as a first-order autoregression,
-//! those of the delay by Newey and West (1987) over one second.
+//! Standard errors allow for errors that last: those of the mean are taken from half-second means as a first-order autoregression, with the
+//! unit's published accuracy on top; those of the delay by Newey and West (1987) over one second.
 
 mod ground;
 mod statistics;
@@ -38,6 +38,10 @@ const MAX_DELAY_SE_US: f64 = 2_000.0;
 
 /// Standard deviation of the mean cross slope of a road that one knows nothing about, in degrees (about 2 %).
 const ROAD_PRIOR_DEG: f64 = 1.15;
+
+/// What a unit's roll is off by as a whole while a log is made, in degrees: SPAN's published accuracy, one sigma. Its filter lets this drift
+/// over minutes, so no average over one log takes it out.
+const UNIT_BIAS_DEG: f64 = 0.017;
 
 /// Slower than this is parked, in metres a second.
 const PARKED_M_S: f64 = 0.1;
@@ -218,7 +222,7 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
     }
     let estimate = Estimate {
         roll_offset_deg: offset_deg,
-        roll_offset_se_deg: mean_se.hypot(prior_se),
+        roll_offset_se_deg: mean_se.hypot(prior_se).hypot(UNIT_BIAS_DEG),
         lidar_delay_us: delay_us,
         lidar_delay_se_us: fit.slope_se,
         delay_determined,

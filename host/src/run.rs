@@ -10,7 +10,7 @@ use crossfall_core::instrument::{Event, Identity, Instrument, Line};
 use crossfall_core::protocol::frame::{MAX_MESSAGE_FRAME, Sequencer};
 use crossfall_core::protocol::message::{Message, Status};
 use crossfall_core::protocol::ranges::MAX_CODE;
-use crossfall_core::protocol::{Config, DeviceTime};
+use crossfall_core::protocol::{Config, DeviceTime, schema};
 
 use crate::capture::{self, Channel, Chunk};
 use crate::{container, log, output};
@@ -67,6 +67,7 @@ pub fn run(
     let mut link = Link { log, sequencer: Sequencer::new(), summary: Summary::default(), now_ns: 0, failed: None };
     let mut instrument = Instrument::new(*config, identity());
     let mut wires = Wires::new(config);
+    link.describe(config)?;
     let first_ns = capture.span_ns().map_or(0, |(first, _)| first);
     link.now_ns = first_ns;
     instrument.start(DeviceTime(first_ns / 1_000), &mut |event| link.send(&event));
@@ -109,6 +110,20 @@ struct Link<'a> {
 }
 
 impl Link<'_> {
+    /// Metadata for readers that know no frames: who made the log and with which configuration.
+    fn describe(&mut self, config: &Config) -> Result<(), output::Error> {
+        let identity = identity();
+        let entries = [
+            ("firmware", identity.firmware.to_owned()),
+            ("board", identity.board.to_owned()),
+            ("schema", format!("{:016x}", schema::HASH)),
+        ];
+        let entries = entries.map(|(key, value)| (key.to_owned(), value)).into();
+        self.log.metadata(log::metadata::IDENTITY, entries)?;
+        let toml = [("toml".to_owned(), crate::config::to_toml(config))].into();
+        self.log.metadata(log::metadata::CONFIG, toml)
+    }
+
     fn send(&mut self, event: &Event<'_>) {
         let (mut code, mut frame) = ([0; MAX_CODE], [0; MAX_MESSAGE_FRAME]);
         let message = event.message(&mut code);

@@ -115,7 +115,7 @@ fn payload(frame_of: impl FnOnce(&mut [u8]) -> usize) -> Vec<u8> {
 fn every_discriminant_is_pinned() {
     let message = |message: Message<'_>| payload(|out| message.encode(0, out).expect("fits"));
     let numbers: Vec<u8> = message_examples(&[]).iter().map(|&(_, example)| message(example)[0]).collect();
-    assert_eq!(numbers, [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10]);
+    assert_eq!(numbers, [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]);
     let numbers: Vec<u8> =
         command_examples().iter().map(|(_, command)| payload(|out| command.encode(0, out).expect("fits"))[0]).collect();
     assert_eq!(numbers, [0, 1, 2, 3, 4]);
@@ -137,6 +137,8 @@ fn every_discriminant_is_pinned() {
     }
     assert_eq!(message(Message::Session(Session::Started(time))), [10, 0, 0]);
     assert_eq!(message(Message::Session(Session::Stopped(time))), [10, 1, 0]);
+    assert_eq!(message(Message::Skip(Skip::Scan(7))), [11, 0, 7]);
+    assert_eq!(message(Message::Skip(Skip::Pose(time))), [11, 1, 0]);
     for (method, number) in [(Method::Measuring, 0), (Method::Seed, 1)] {
         let mut config = Config::default();
         config.survey.method = method;

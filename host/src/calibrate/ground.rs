@@ -5,7 +5,7 @@
 
 use crossfall_core::attitude::{HISTORY, History};
 use crossfall_core::protocol::message::{ScanMode, flags};
-use crossfall_core::protocol::{Angle, Config, DeviceTime};
+use crossfall_core::protocol::{Config, DeviceTime};
 use crossfall_core::scan::{self, MAX_BEAMS, Points, RawScan};
 
 use super::{Drive, Sample};
@@ -156,10 +156,4 @@ pub fn empty_scan() -> RawScan {
         counters: None,
         values: [0; MAX_BEAMS],
     }
-}
-
-/// The offset of a configuration, for those that apply an estimate.
-#[must_use]
-pub fn offset_angle(offset_deg: f64) -> Angle {
-    Angle::from_microdegrees((offset_deg * 1e6).round() as i32)
 }

@@ -12,6 +12,7 @@ use crossfall::accuracy::{Accuracy, hold_against};
 use crossfall::capture::{Reader, Writer};
 use crossfall::output::Output;
 use crossfall::profiles::{Row, Rows, write_csv};
+use crossfall::simulate::scene::Mode;
 use crossfall::simulate::{self, truth};
 use crossfall::{log, output, verify};
 
@@ -100,7 +101,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     table.commit()?;
     let rows: Vec<Row> = Rows::open(&log_path)?.collect();
     let accuracy = hold_against(&rows, &made.truth);
-    draw(args, &rows, &made.truth, &log_path)?;
+    let along_road = scene.sections.mode != Mode::RandomPerScan;
+    draw(args, &rows, if along_road { &made.truth } else { &[] }, &log_path)?;
     tell!(
         "made       {}: drive.mcap, drive.log.mcap, truth.csv, profiles.csv, section-*.svg, slopes.svg",
         folder.display()

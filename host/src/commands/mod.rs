@@ -1,5 +1,6 @@
 //! One file a subcommand; its first comment is its manual.
 
+mod calibrate;
 mod completions;
 mod config;
 mod demo;
@@ -45,6 +46,7 @@ pub enum Command {
     Run(run::Args),
     Verify(verify::Args),
     Profiles(profiles::Args),
+    Calibrate(calibrate::Args),
     Plot(plot::Args),
     Info(info::Args),
     Config(config::Args),
@@ -75,6 +77,7 @@ impl Command {
             Self::Run(args) => run::run(&args),
             Self::Verify(args) => verify::run(&args),
             Self::Profiles(args) => profiles::run(&args),
+            Self::Calibrate(args) => calibrate::run(&args),
             Self::Plot(args) => plot::run(&args),
             Self::Info(args) => info::run(&args),
             Self::Config(args) => config::run(&args),

@@ -85,12 +85,15 @@ pub fn one_section(log: &Path, number: u32, theme: plot::Theme, folder: &Path) -
     Ok(path)
 }
 
+/// One of a row's slopes.
+type SlopeOf = fn(&Row) -> Option<SlopeRow>;
+
 /// Truth of the four slopes: left adjacent and opposing, right adjacent and opposing.
 pub type Truth = [Vec<TruthAt>];
 
 /// Draws the slopes along the drive into a folder.
 pub fn slopes(rows: &[Row], truth: &Truth, theme: plot::Theme, folder: &Path) -> anyhow::Result<PathBuf> {
-    let panels: [(&str, bool, fn(&Row) -> Option<SlopeRow>); 4] = [
+    let panels: [(&str, bool, SlopeOf); 4] = [
         ("left adjacent", true, |row| row.adjacent),
         ("left opposing", true, |row| row.opposing),
         ("right adjacent", false, |row| row.adjacent),

@@ -30,12 +30,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if args.output == Path::new("-") {
         write_csv(&mut rows, io::stdout().lock(), stop).map_err(unwrapped)?;
     } else {
-        let known = args.output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
-        anyhow::ensure!(
-            known || !args.output.extension().is_some(),
-            "{}: expected a name that ends in .csv",
-            args.output.display()
-        );
+        // A name without an extension says nothing else.
+        let known = args.output.extension().is_none_or(|extension| extension.eq_ignore_ascii_case("csv"));
+        anyhow::ensure!(known, "{}: expected a name that ends in .csv", args.output.display());
         distinct(&[&args.log], &args.output)?;
         let mut output = Output::create(&args.output)?;
         let count = write_csv(&mut rows, &mut output, stop)

@@ -82,7 +82,7 @@ fn draw(area: &DrawingArea<SVGBackend<'_>, Shift>, section: &Section, title: &st
         chart.draw_series(paths.collect::<Vec<_>>())?;
     }
 
-    // The edges above the road; each slope's value under its line, on the side to which the line rises.
+    // The edges above the road; each slope's value beside its line, where the raw points are not.
     let span = high - low;
     for (place, colour, left) in marks {
         let at = flip(place);
@@ -96,9 +96,11 @@ fn draw(area: &DrawingArea<SVGBackend<'_>, Shift>, section: &Section, title: &st
         for line in list {
             let (from, to) = (flip(line.inner), flip(line.outer));
             let rises_right = (to.1 - from.1) * (to.0 - from.0) > 0.0;
-            let (shift, align) = if rises_right { (0.012, HPos::Left) } else { (-0.012, HPos::Right) };
-            let middle = ((from.0 + to.0) / 2.0 + 2.0 * reach * shift, (from.1 + to.1) / 2.0 - span * 0.01);
-            let anchor = Pos::new(align, VPos::Top);
+            let above = raw_below(line, &section.raw);
+            let (shift, align) = if rises_right == above { (-0.012, HPos::Right) } else { (0.012, HPos::Left) };
+            let lift = if above { 0.01 } else { -0.01 };
+            let middle = ((from.0 + to.0) / 2.0 + 2.0 * reach * shift, (from.1 + to.1) / 2.0 + span * lift);
+            let anchor = Pos::new(align, if above { VPos::Bottom } else { VPos::Top });
             chart.draw_series([Text::new(line.label.clone(), middle, text(18, colour).pos(anchor))])?;
         }
     }
@@ -134,6 +136,14 @@ struct Line {
 
 fn flip((y, z): Place) -> Place {
     (-y, z)
+}
+
+/// Whether the raw points lie below a line.
+fn raw_below(line: &Line, raw: &[Place]) -> bool {
+    let (low, high) = (line.inner.0.min(line.outer.0), line.inner.0.max(line.outer.0));
+    let rise = (line.outer.1 - line.inner.1) / (line.outer.0 - line.inner.0);
+    let over = raw.iter().filter(|(y, _)| (low..=high).contains(y));
+    over.map(|(y, z)| z - line.inner.1 - rise * (y - line.inner.0)).sum::<f64>() < 0.0
 }
 
 /// How far to the sides and between which heights the picture reaches: to the outermost hinge and a bit beyond.

@@ -43,7 +43,8 @@ impl Cubic {
     /// Roll at an instant between the inner nodes.
     pub fn at(&self, time: DeviceTime) -> Angle {
         let [t1, t2] = self.inner;
-        let t = time.since(self.first).clamp(t1, t2);
+        // Not `clamp`, which would panic if the nodes were out of order.
+        let t = time.since(self.first).max(t1).min(t2);
         let [first, second, third] = self.differences;
         let second = second + ((third * (t - t2)) >> 16);
         let first = first + ((second * (t - t1)) >> 16);

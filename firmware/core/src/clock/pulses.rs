@@ -133,6 +133,8 @@ fn whole_seconds(interval_us: i64, drift: Option<i64>) -> Option<i64> {
         Some(drift) => (SECOND_US + ((SECOND_US * drift) >> 32), WANDER_PPM),
         None => (SECOND_US, 1_000_000 / MAX_DRIFT),
     };
+    // Never below 984,375 by `MAX_DRIFT`; said so that no division by zero is left for the compiler to see.
+    let period_us = period_us.max(1);
     let seconds = (interval_us + period_us / 2) / period_us;
     let expected_us = match drift {
         Some(drift) => seconds * SECOND_US + ((seconds * SECOND_US * drift) >> 32),

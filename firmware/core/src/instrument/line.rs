@@ -61,8 +61,8 @@ mod tests {
             let mut start = 0;
             for (length, gap) in lengths.into_iter().zip(gaps) {
                 let mut piece = start;
-                for i in 0..length {
-                    if exact && cuts[i] {
+                for (i, &here) in cuts.iter().enumerate().take(length) {
+                    if exact && here {
                         piece = start + i as u64 * 20_000;
                     }
                     prop_assert_eq!(whole.take(start), cut.take(piece));

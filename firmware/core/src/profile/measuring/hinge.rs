@@ -2,7 +2,7 @@
 
 use crossfall_protocol::message::{Hinge, flags};
 
-use super::line::{Fit, Gate, Line, fit, weigh};
+use super::line::{Fit, Line, fit, weigh};
 use super::magnitude::Magnitude;
 use super::sample::{GRAIN_BITS, Noise, Outward, Sample, inward_of, millimetres};
 use super::slope::Found;
@@ -104,10 +104,10 @@ pub fn across(samples: &mut [Sample], inner: &Found, outer: &Found, noise: &Nois
     if let Some(ground) = level(floor, noise) {
         let foot = between(&inner.fit, &ground.fit, noise, &last, ground.first);
         let start = between(&outer.fit, &ground.fit, noise, &last, first.u);
-        if let (Some(foot), Some(start)) = (foot, start) {
-            if foot.u <= start.u {
-                return (foot.departing(next), start.departing(previous));
-            }
+        if let (Some(foot), Some(start)) = (foot, start)
+            && foot.u <= start.u
+        {
+            return (foot.departing(next), start.departing(previous));
         }
     }
     // No floor to be seen: the slopes meet, or there is one between the beams. Every floor from none to the widest
@@ -124,7 +124,7 @@ pub fn across(samples: &mut [Sample], inner: &Found, outer: &Found, noise: &Nois
 fn between(slope: &Fit, other: &Fit, noise: &Noise, last: &Sample, next: i32) -> Option<Place> {
     let (u, half) = meeting(slope, other)?;
     let turn_q14 = (slope.line.slope_q30.abs_diff(other.line.slope_q30) >> 16).max(1);
-    let shift = (4 * noise.variance(last, slope.line.slope_q14()).isqrt() << 14) / turn_q14;
+    let shift = ((4 * noise.variance(last, slope.line.slope_q14()).isqrt()) << 14) / turn_q14;
     let shift = (shift + 2 * half.min(1 << 20)).clamp(millimetres(60) as u32, millimetres(500) as u32) as i32;
     (u > last.u - shift && u < next + shift).then_some(Place { u, half, departure: next, seen: true })
 }
@@ -152,7 +152,7 @@ fn on_level(line: &Line, sample: &Sample, noise: &Noise) -> Option<u32> {
 
 /// The ground beside a slope: level through the samples that agree best, then fitted where there are enough.
 fn level(samples: &mut [Sample], noise: &Noise) -> Option<Ground> {
-    let shift = weigh(samples, noise, 0);
+    let shift = weigh(samples, 1, noise, 0);
     let mut best: Option<(u32, Line)> = None;
     for candidate in samples.iter() {
         let line = Line { u: candidate.u, z: candidate.z, slope_q30: 0 };
@@ -165,9 +165,9 @@ fn level(samples: &mut [Sample], noise: &Noise) -> Option<Ground> {
     let near = samples.iter().filter(|s| on_level(&line, s, noise).is_some()).count();
     let first = samples.iter().find(|s| on_level(&line, s, noise).is_some())?.u;
     if near >= 4 {
-        let mut fitted = fit(samples, &line, shift, Gate::TUKEY)?;
+        let mut fitted = fit(samples, 1, &line, shift)?;
         for _ in 0..2 {
-            fitted = fit(samples, &fitted.line, shift, Gate::TUKEY)?;
+            fitted = fit(samples, 1, &fitted.line, shift)?;
         }
         if fitted.line.slope_q30.abs() < 1 << 26 {
             return Some(Ground { fit: fitted, first });

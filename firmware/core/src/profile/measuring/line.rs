@@ -19,6 +19,9 @@ pub struct Line {
     pub slope_q30: i32,
 }
 
+/// Lines closer to parallel than this, about 0.1 degrees, meet nowhere in particular.
+const LEAST_TURN_Q30: u64 = 1 << 21;
+
 impl Line {
     pub fn height_at(&self, u: i32) -> i32 {
         self.z + ((i64::from(u - self.u) * i64::from(self.slope_q30)) >> 30) as i32
@@ -38,25 +41,25 @@ impl Line {
         self.slope_q30 >> 16
     }
 
-    /// Where two lines meet; nothing when they are within about 0.1 degrees of parallel.
+    /// Where two lines meet; nothing when they are nearly parallel.
     pub fn meets(&self, other: &Self) -> Option<i32> {
-        let turn = other.slope_q30 - self.slope_q30;
-        if turn.abs() < 1 << 21 {
+        let turn = i64::from(other.slope_q30) - i64::from(self.slope_q30);
+        let size = turn.unsigned_abs();
+        if size < LEAST_TURN_Q30 {
             return None;
         }
-        let gap = i64::from(self.height_at(other.u) - other.z);
-        Some((i64::from(other.u) + (gap << 30) / i64::from(turn)).clamp(-(1 << 24), 1 << 24) as i32)
+        let gap = i64::from(self.height_at(other.u)) - i64::from(other.z);
+        let away = ((gap.unsigned_abs() << 30) / size.max(LEAST_TURN_Q30)) as i64;
+        let away = if (gap < 0) == (turn < 0) { away } else { -away };
+        Some((i64::from(other.u) + away).clamp(-(1 << 24), 1 << 24) as i32)
     }
 }
 
 /// How far residuals count in a fit: Tukey's biweight, wider below than above because vegetation is above.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Gate {
-    above: Width,
-    below: Width,
-}
+const ABOVE: Width = Width::sigmas(35);
+const BELOW: Width = Width::sigmas(45);
 
-/// One side of a gate.
+/// How wide a gate is on one side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Width {
     /// Its square in variances, 8 fraction bits.
@@ -67,17 +70,12 @@ struct Width {
 
 impl Width {
     const fn sigmas(tenths: u32) -> Self {
-        let square_q8 = (tenths * tenths << 8) / 100;
+        let square_q8 = ((tenths * tenths) << 8) / 100;
         Self { square_q8, inverse: (1 << 24) / square_q8 }
     }
 }
 
-impl Gate {
-    /// 3.5 sigma above, 4.5 below.
-    pub const TUKEY: Self = Self { above: Width::sigmas(35), below: Width::sigmas(45) };
-}
-
-/// Tukey weights take more of the large residuals than of the small ones: for normal errors and [`Gate::TUKEY`] the
+/// Tukey weights take more of the large residuals than of the small ones: for normal errors and these gates the
 /// weighted mean square is 1/1.3076 of the variance (numerical integration). 8 fraction bits.
 const TRIM_Q8: u64 = 335;
 
@@ -108,35 +106,37 @@ impl Fit {
 /// log2 of the grains in a unit of distance from a line's reference.
 const ARM_BITS: u32 = 5;
 
-/// Weighs every sample by its variance about a line of this slope; returns the common shift that [`fit`] wants.
+/// Weighs every `stride`-th sample by its variance about a line of this slope; returns the common shift that [`fit`] wants.
 ///
 /// A weight is 2^20 / (variance >> shift), below 2^12, where the shift leaves 8 or 9 bits of the least variance.
-pub fn weigh(samples: &mut [Sample], noise: &Noise, slope_q14: i32) -> u32 {
+pub fn weigh(samples: &mut [Sample], stride: usize, noise: &Noise, slope_q14: i32) -> u32 {
     // The variance along a line changes slowly and one way: the least is at an end, or near it.
     let (first, last) = (samples.first(), samples.last());
     let least = first.into_iter().chain(last).map(|s| noise.variance(s, slope_q14)).min().unwrap_or(1 << 8);
     let shift = 23u32.saturating_sub(least.leading_zeros());
-    for sample in samples {
+    for sample in samples.iter_mut().step_by(stride) {
         let scaled = noise.variance(sample, slope_q14) >> shift;
         sample.weight = ((1 << 20) / scaled.max(1)).min(4095) as u16;
     }
     shift
 }
 
-/// One step of iteratively reweighted least squares from `line`, over samples that [`weigh`] has weighed with `shift`.
+/// One step of iteratively reweighted least squares from `line`, over the samples that [`weigh`] has weighed, which gave `shift`.
 /// Nothing when fewer than 3 samples are within the gate or all lie at one distance.
-pub fn fit(samples: &[Sample], line: &Line, shift: u32, gate: Gate) -> Option<Fit> {
+pub fn fit(samples: &[Sample], stride: usize, line: &Line, shift: u32) -> Option<Fit> {
     let (mut sum_w, mut sum_wu, mut sum_we, mut sum_wuu, mut sum_wue) = (0i32, 0i64, 0i64, 0i64, 0i64);
-    let (mut count, mut chi2_q12, mut effective_q12) = (0u32, 0u64, 0u32);
-    for sample in samples {
+    let (mut count, mut chi2_q12, mut effective_q12) = (0u32, 0u32, 0u32);
+    for sample in samples.iter().step_by(stride) {
         let e = line.residual(sample);
         if e.unsigned_abs() >= 1 << 15 {
             continue;
         }
         let base = u32::from(sample.weight);
-        // e^2 / variance with 8 fraction bits: (e^2 >> shift) weight / 2^20, both factors scaled.
-        let ratio_q8 = ((u64::from((e * e) as u32 >> shift) * u64::from(base)) >> 12).min(1 << 15) as u32;
-        let width = if e > 0 { gate.above } else { gate.below };
+        // e^2 / variance with 8 fraction bits: (e^2 >> shift) weight / 2^20. A square that would not fit 32 bits then is that of a
+        // residual of 16 times the least sigma of the fit and more.
+        let square = ((e * e) as u32 >> shift).min((1 << 20) - 1);
+        let ratio_q8 = (square * base) >> 12;
+        let width = if e > 0 { ABOVE } else { BELOW };
         if ratio_q8 >= width.square_q8 {
             continue;
         }
@@ -152,7 +152,8 @@ pub fn fit(samples: &[Sample], line: &Line, shift: u32, gate: Gate) -> Option<Fi
         sum_wue += i64::from(wu) * i64::from(e);
         count += 1;
         effective_q12 += tukey_q12;
-        chi2_q12 += (u64::from(tukey_q12) * u64::from(ratio_q8)) >> 8;
+        // Below 2^12 x 2^13 a sample: 401 of them, shifted, stay below 2^27.
+        chi2_q12 += (tukey_q12 * ratio_q8) >> 8;
     }
     if count < 3 || sum_w <= 0 {
         return None;
@@ -177,7 +178,7 @@ pub fn fit(samples: &[Sample], line: &Line, shift: u32, gate: Gate) -> Option<Fi
         count,
         slope_variance: Magnitude::new(1, scale - 2 * ARM_BITS as i32).over(Magnitude::new(spread as u64, 0)),
         height_variance: Magnitude::new(1, scale).over(Magnitude::new(sum_w as u64, 0)),
-        chi2_q8: ((chi2_q12 * TRIM_Q8) >> 12) as u32,
+        chi2_q8: ((u64::from(chi2_q12) * TRIM_Q8) >> 12) as u32,
         effective_q8: effective_q12 >> 4,
     })
 }

@@ -28,14 +28,13 @@ pub use sample::Outward;
 #[derive(Debug, Default)]
 pub struct Workspace {
     samples: Samples,
-    thin: road::Thin,
 }
 
 impl Workspace {
     /// An empty workspace.
     #[must_use]
     pub const fn new() -> Self {
-        Self { samples: Samples::new(), thin: road::Thin::new() }
+        Self { samples: Samples::new() }
     }
 }
 
@@ -57,7 +56,7 @@ pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Wo
     }
     let mut side = Side::default();
     let prior = prior_noise(survey, scan.unit_um);
-    let Some(road) = road::find(&mut work.samples, prior, &mut work.thin) else {
+    let Some(road) = road::find(&mut work.samples, prior) else {
         side.flags = flags::NO_ROAD;
         return side;
     };
@@ -78,8 +77,9 @@ pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Wo
         longest: limits.max_length_um >> GRAIN_BITS,
         obstruction: (limits.obstruction_um >> GRAIN_BITS).clamp(1, (1 << 15) - 1),
     };
-    let start = departure - sample::millimetres(500);
-    let from = sample::inward_of(samples, road.fit.line.place_at(start));
+    // The threshold hides the slope's first samples from the departure: they belong to its run.
+    let from = sample::inward_of(samples, road.fit.line.place_at(departure - sample::millimetres(500)));
+    let start = departure - sample::millimetres(100);
     let mut noise = road.noise;
     let Some(adjacent) = slope::measure(samples, (from, start), &wanted(false), &mut noise) else {
         return side;

@@ -1,10 +1,7 @@
 //! The road: a line under the sensor, followed outward to where the surface leaves it.
 
-use heapless::Vec;
-
-use super::line::{Fit, Gate, Line, fit, weigh};
+use super::line::{Fit, Line, fit, weigh};
 use super::sample::{Noise, Sample, inward_of, millimetres};
-use crate::scan::MAX_BEAMS;
 
 /// How far on the other side of the sensor the road line still takes its points: short of a crown between lanes.
 pub const INNER: i32 = millimetres(1_000);
@@ -37,22 +34,20 @@ pub struct Road {
     pub noise: Noise,
 }
 
-/// Finds the road line. `thin` is overwritten.
-pub fn find(samples: &mut [Sample], noise: Noise, thin: &mut Thin) -> Option<Road> {
-    thin.clear();
-    thin.extend(samples.iter().step_by(THINNING).copied());
+/// Finds the road line.
+pub fn find(samples: &mut [Sample], noise: Noise) -> Option<Road> {
     let mut line = Line { u: 0, z: median_height(samples), slope_q30: 0 };
     let mut reach = FIRST_REACH;
     // Wide first: a cross slope of 5 degrees is 100 mm at the ends of the first piece.
     for range in [millimetres(40), millimetres(15)] {
         let wide = Noise { range: range as u32, ..noise };
-        line = step(inside(thin, &line, reach), &line, &wide)?.line;
+        line = step(inside(samples, &line, reach), THINNING, &line, &wide)?.line;
     }
     let mut noise = noise;
     let mut departed = 0;
     while reach < millimetres(30_000) {
-        let once = step(inside(thin, &line, reach), &line, &noise)?;
-        let twice = step(inside(thin, &line, reach), &once.line, &noise)?;
+        let once = step(inside(samples, &line, reach), THINNING, &line, &noise)?;
+        let twice = step(inside(samples, &line, reach), THINNING, &once.line, &noise)?;
         line = twice.line;
         noise = updated(&noise, &twice);
         departed = departure(samples, &line, &noise, inward_of(samples, line.place_at(reach - MARGIN)));
@@ -65,7 +60,7 @@ pub fn find(samples: &mut [Sample], noise: Noise, thin: &mut Thin) -> Option<Roa
     let end = departed_at(samples, &line, departed).unwrap_or(reach) - MARGIN;
     let road = inside(samples, &line, end.max(FIRST_REACH / 2));
     let size = road.len();
-    let fit = step(road, &line, &noise)?;
+    let fit = step(road, 1, &line, &noise)?;
     // Where less than half of the samples lie on the line, it is not the road.
     if fit.count < MIN_SAMPLES || 2 * (fit.count as usize) < size {
         return None;
@@ -85,14 +80,11 @@ impl Road {
     /// Fits again up to the edge that the adjacent slope makes with the road.
     pub fn settle(&mut self, samples: &mut [Sample], edge: i32) {
         let road = inside(samples, &self.fit.line, edge.max(FIRST_REACH / 2));
-        if let Some(fit) = step(road, &self.fit.line, &self.noise) {
+        if let Some(fit) = step(road, 1, &self.fit.line, &self.noise) {
             self.fit = fit;
         }
     }
 }
-
-/// Every fourth sample of a side.
-pub type Thin = Vec<Sample, { MAX_BEAMS / THINNING + 1 }>;
 
 /// The samples up to a distance outward on a line.
 fn inside<'a>(samples: &'a mut [Sample], line: &Line, reach: i32) -> &'a mut [Sample] {
@@ -100,9 +92,9 @@ fn inside<'a>(samples: &'a mut [Sample], line: &Line, reach: i32) -> &'a mut [Sa
     samples.get_mut(..end).unwrap_or_default()
 }
 
-fn step(samples: &mut [Sample], line: &Line, noise: &Noise) -> Option<Fit> {
-    let shift = weigh(samples, noise, line.slope_q14());
-    fit(samples, line, shift, Gate::TUKEY)
+fn step(samples: &mut [Sample], stride: usize, line: &Line, noise: &Noise) -> Option<Fit> {
+    let shift = weigh(samples, stride, noise, line.slope_q14());
+    fit(samples, stride, line, shift)
 }
 
 /// The point of significant departure, from sample `from` on: the first of [`DEPARTURE_SAMPLES`] in a row further from
@@ -144,13 +136,9 @@ fn updated(noise: &Noise, found: &Fit) -> Noise {
 fn median_height(samples: &[Sample]) -> i32 {
     let middle = inward_of(samples, (0, -1));
     let from = middle.saturating_sub(4);
-    let mut heights = [0i32; 9];
-    let mut taken = 0;
-    for (height, sample) in heights.iter_mut().zip(samples.iter().skip(from)) {
-        *height = sample.z;
-        taken += 1;
-    }
-    let Some(heights) = heights.get_mut(..taken) else { return 0 };
-    heights.sort_unstable();
-    heights.get(taken / 2).copied().unwrap_or(0)
+    let near = samples.get(from..).unwrap_or_default();
+    let near = near.get(..near.len().min(9)).unwrap_or_default();
+    // The median is the one with as many lower ones as higher ones; equal heights are told apart by their order.
+    let rank = |i: usize, z: i32| near.iter().enumerate().filter(|(k, s)| (s.z, *k) < (z, i)).count();
+    near.iter().enumerate().find(|(i, s)| rank(*i, s.z) == near.len() / 2).map_or(0, |(_, s)| s.z)
 }

@@ -5,22 +5,16 @@
 //! below it much, and three in a row beyond the obstruction distance end the run. So a run decides its own ends. All candidates
 //! are scored on the anchors, the best few on all samples.
 
-use super::line::{Gate, Line, fit, weigh};
+use super::line::{Line, fit, weigh};
 use super::sample::{Noise, Sample, millimetres};
 
 /// The first anchor lies within this of where the search starts.
 const START_REACH: i32 = millimetres(4_500);
 
-/// Distances between the two samples of a candidate: at least these, a factor of the square root of two apart, so that
-/// for a slope of any length some pairs span half of it and more.
-const BASES: [i32; 6] = [
-    millimetres(1_100),
-    millimetres(1_550),
-    millimetres(2_200),
-    millimetres(3_100),
-    millimetres(4_400),
-    millimetres(6_200),
-];
+/// Distances between the two samples of a candidate: at least these, a factor of 1.5 apart, so that for a slope of any
+/// length some pairs span half of it and more.
+const BASES: [i32; 5] =
+    [millimetres(1_100), millimetres(1_700), millimetres(2_500), millimetres(3_800), millimetres(5_700)];
 
 /// Candidates that are scored on all samples.
 const FINALISTS: usize = 3;
@@ -46,16 +40,18 @@ pub struct Run {
     pub score: i32,
 }
 
-/// The best line among the candidates and its run over `samples`, all of them beyond `start`.
+/// The best line among the candidates, which begin at `start` or beyond, and its run over `samples`.
 pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) -> Option<(Line, Run)> {
     let mut finalists = [(Line::default(), 0i32); FINALISTS];
-    mark_raised(samples, wanted);
+    // Where nothing grows every second start finds what all would; in vegetation every one may be the good one.
+    let overgrown = 16 * mark_raised(samples, wanted) > samples.len();
+    let stride = if overgrown { 1 } else { 2 };
     // Starting within a good run would mostly find it again: past `settled` and `thinned` all and every third start counts.
     let (mut settled, mut thinned) = (0, 0);
     for (i, a) in samples.iter().enumerate() {
         // A stray may lie anywhere: it does not end the search.
-        let skipped = i < settled || (i < thinned && i % 3 != 0);
-        if skipped || a.u > start + START_REACH || a.weight == RAISED {
+        let skipped = i < settled || (i < thinned && i % 3 != 0) || i % stride != 0;
+        if skipped || a.u < start || a.u > start + START_REACH || a.weight == RAISED {
             continue;
         }
         let along = samples.get(i..).unwrap_or_default();
@@ -76,7 +72,8 @@ pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) 
                 continue;
             }
             let line = Line { u: a.u, z: a.z, slope_q30: slope_q14 << 16 };
-            let weakest = finalists.last().map_or(0, |f| f.1);
+            // Less than half of the best is not worth following to the end.
+            let weakest = finalists.last().map_or(0, |f| f.1).max(finalists.first().map_or(0, |f| f.1) / 2);
             let found = run_from(along, &line, wanted, noise, weakest);
             let span = (found.last - found.first) as i32 + 1;
             if span >= 10 && found.score > span * THINNED_SCORE {
@@ -101,22 +98,27 @@ pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) 
 }
 
 /// Marks the samples that stand above both of their neighbours: vegetation, no part of a candidate. Heights count from a
-/// line that slopes as what is wanted, so that on any line each sample lies between its neighbours.
-fn mark_raised(samples: &mut [Sample], wanted: &Wanted) {
+/// line that slopes as what is wanted, so that on any line each sample lies between its neighbours. Says how many there are.
+fn mark_raised(samples: &mut [Sample], wanted: &Wanted) -> usize {
     let typical_q14 = (wanted.least_q14 + wanted.most_q14) / 2;
     // |u| < 2^22 grains and the slope below 2^15: a shift of 6 keeps the product in 32 bits.
     let height = |s: &Sample| s.z - (((s.u >> 6) * typical_q14) >> 8);
     let (mut before, mut here) = (i32::MAX >> 1, i32::MAX >> 1);
     let mut last: Option<&mut Sample> = None;
+    let mut count = 0;
     for sample in samples {
         let after = height(sample);
         sample.weight = 0;
-        if let Some(last) = last {
-            last.weight = if here > before.max(after) + PROTRUSION { RAISED } else { 0 };
+        if let Some(last) = last
+            && here > before.max(after) + PROTRUSION
+        {
+            last.weight = RAISED;
+            count += 1;
         }
         (before, here) = (here, after);
         last = Some(sample);
     }
+    count
 }
 
 /// Mark of a raised sample, in the place of a weight that no fit has set yet.
@@ -141,10 +143,10 @@ fn admit(finalists: &mut [(Line, i32); FINALISTS], line: Line, outer: i32, score
     *held = (line, score);
     // Best first; equal scores keep their order.
     for k in (1..=place).rev() {
-        if let Some([upper, lower]) = finalists.get_mut(k - 1..=k) {
-            if lower.1 > upper.1 {
-                core::mem::swap(upper, lower);
-            }
+        if let Some([upper, lower]) = finalists.get_mut(k - 1..=k)
+            && lower.1 > upper.1
+        {
+            core::mem::swap(upper, lower);
         }
     }
 }
@@ -153,8 +155,8 @@ fn admit(finalists: &mut [(Line, i32); FINALISTS], line: Line, outer: i32, score
 fn grow(samples: &mut [Sample], line: &Line, wanted: &Wanted, noise: &Noise) -> Option<(Line, Run)> {
     let first = run(samples, line, wanted, noise);
     let part = samples.get_mut(first.first..=first.last)?;
-    let shift = weigh(part, noise, line.slope_q14());
-    let once = fit(part, line, shift, Gate::TUKEY)?.line;
+    let shift = weigh(part, 1, noise, line.slope_q14());
+    let once = fit(part, 1, line, shift)?.line;
     let grown = run(samples, &once, wanted, noise);
     Some(if grown.score > first.score { (once, grown) } else { (*line, first) })
 }
@@ -162,10 +164,10 @@ fn grow(samples: &mut [Sample], line: &Line, wanted: &Wanted, noise: &Noise) -> 
 /// A run that earns this much a sample is what there is to find along its line ...
 const SETTLED_SCORE: i32 = 230;
 /// ... and one that earns this much may still be a mixture of slope and vegetation.
-const THINNED_SCORE: i32 = 180;
+const THINNED_SCORE: i32 = 130;
 
 /// A run that begins with the first sample is over when it has lost this much.
-const DROP: i32 = 600;
+const DROP: i32 = 450;
 
 /// What a sample earns for a line; nothing when it lies beyond the obstruction distance.
 #[inline(always)]

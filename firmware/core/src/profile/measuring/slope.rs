@@ -4,7 +4,7 @@ use crossfall_protocol::Angle;
 use crossfall_protocol::message::{Slope, flags};
 
 use super::hinge::Place;
-use super::line::{Fit, Gate, Line, fit, weigh};
+use super::line::{Fit, Line, fit, weigh};
 use super::magnitude::Magnitude;
 use super::sample::{GRAIN_BITS, Noise, Outward, Sample, inward_of};
 use super::search::{self, Run, Wanted};
@@ -62,20 +62,20 @@ impl Found {
         let first = inward_of(samples, self.fit.line.place_at(start.u));
         let past = inward_of(samples, self.fit.line.place_at(end.u));
         let Some(part) = samples.get_mut(first..past) else { return };
-        if let Some(fit) = refit::<STEPS>(part, &self.fit.line, noise) {
-            if fit.count >= LEAST_SAMPLES.min(self.fit.count) {
-                self.fit = fit;
-            }
+        if let Some(fit) = refit::<STEPS>(part, &self.fit.line, noise)
+            && fit.count >= LEAST_SAMPLES.min(self.fit.count)
+        {
+            self.fit = fit;
         }
     }
 }
 
 /// Reweighted steps with weights of the present noise.
 fn refit<const STEPS: usize>(part: &mut [Sample], line: &Line, noise: &Noise) -> Option<Fit> {
-    let shift = weigh(part, noise, line.slope_q14());
-    let mut fitted = fit(part, line, shift, Gate::TUKEY)?;
+    let shift = weigh(part, 1, noise, line.slope_q14());
+    let mut fitted = fit(part, 1, line, shift)?;
     for _ in 1..STEPS {
-        fitted = fit(part, &fitted.line, shift, Gate::TUKEY)?;
+        fitted = fit(part, 1, &fitted.line, shift)?;
     }
     Some(fitted)
 }
@@ -133,8 +133,8 @@ fn marks(part: &[Sample], found: &Found, noise: &Noise, obstruction: i32) -> u16
     if astray >= 3 || dark {
         marks |= flags::OBSTRUCTED;
     }
-    // Fewer than half of what is there agrees, or too little is there to tell a slope from chance.
-    if 2 * on < count || found.fit.count < 6 || interval(&found.fit) > DOUBTFUL_HALF_Q30 {
+    // Too few of what is there agrees, or too little is there to tell a slope from chance.
+    if 20 * on < 11 * count || found.fit.count < 6 || interval(&found.fit) > DOUBTFUL_HALF_Q30 {
         marks |= flags::DOUBTFUL;
     }
     marks
