@@ -39,7 +39,8 @@ pub struct Args {
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let output = args.output.display();
-    anyhow::ensure!(!args.output.try_exists()?, "{output}: exists, and a recording is never written over");
+    // Before the board is disturbed; `create_live` makes sure of it.
+    anyhow::ensure!(!args.output.exists(), "{output}: exists, and a recording is never written over");
     let port = args.device.connect().with_context(|| format!("{}: cannot connect", args.device))?;
     let mut log = log::Writer::create_live(&args.output)?;
     let progress = Progress::spinner();
@@ -60,18 +61,17 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     log.finish()?;
     drop(progress);
     tell!("{output}: {}", line(&recorded));
-    for (count, what) in [
-        (recorded.bytes_lost, "bytes found no room because the log was too slow"),
-        (recorded.restarts, "restarts of the board: what it had not sent before is not known"),
-        (
-            u64::from(recorded.frames == 0),
-            "recording without a single frame: is the baud rate right, is the board powered?",
-        ),
-        (u64::from(recorded.disconnected), "connection not there at the end: what the board sent since is not known"),
-    ] {
-        if count > 0 {
-            tell!("{count} {what}");
-        }
+    if recorded.frames == 0 {
+        tell!("no frame came: is the board powered, and is the baud rate right?");
+    }
+    if recorded.bytes_lost > 0 {
+        tell!("lost: {} bytes, because the log could not be written fast enough", recorded.bytes_lost);
+    }
+    if recorded.restarts > 0 {
+        tell!("restarts of the board: {}; what it had not sent before is not known", recorded.restarts);
+    }
+    if recorded.disconnected {
+        tell!("not connected at the end: what the board has sent since is not known");
     }
     for (name, count) in crossfall::info::losses(&recorded.status) {
         tell!("lost on the board since it booted: {name} = {count}");
