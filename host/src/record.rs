@@ -132,10 +132,12 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Whether anything that the board sent is not in the log as it sent it, or may not be.
+    /// Whether anything that the board sent is not in the log as it sent it, or may not be: nobody knows what was under way when a
+    /// board booted again, or what is sent while nothing is connected.
     #[must_use]
     pub fn lost(&self) -> bool {
-        self.bad_frames > 0 || self.missing_frames > 0 || self.bytes_lost > 0 || self.disconnected || self.frames == 0
+        let known = self.bad_frames > 0 || self.missing_frames > 0 || self.bytes_lost > 0 || self.frames == 0;
+        known || self.restarts > 0 || self.disconnected
     }
 }
 
