@@ -51,7 +51,7 @@ impl Emulator {
                 if begun.elapsed() > PATIENCE + 10 * Duration::from_micros(due_us) {
                     return Err(io::Error::new(io::ErrorKind::TimedOut, "the board's clock hardly moves"));
                 }
-                self.answer(scanner, Duration::from_micros((due_us - clock.now_us()).clamp(100, 5_000)))?;
+                self.answer(scanner, Duration::from_micros(due_us.saturating_sub(clock.now_us()).clamp(100, 5_000)))?;
                 if clock.read.elapsed() > LOOK {
                     clock.advance(self.monitor.counter()?);
                 }
