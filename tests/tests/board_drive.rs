@@ -18,7 +18,8 @@ fn a_drive_at_half_rate_loses_nothing_and_verifies() {
     let drive = board::half_rate_drive(&folder);
     let sent = |channel| drive.iter().filter(|chunk| chunk.channel == channel).count();
     let (scans, poses, pulses) = (sent(Channel::Lidar), sent(Channel::Ins), sent(Channel::Pps));
-    let played = board.play(&mut scanner, drive.into_iter().map(Step::Bytes)).expect("a running board");
+    let rest = board::rest(&drive);
+    let played = board.play(&mut scanner, drive.into_iter().map(Step::Bytes).chain([rest])).expect("a running board");
     println!("{scans} scans, {poses} poses, {pulses} pulses; the host was {:?} late at most", played.latest);
 
     let status = board::stop(&mut board);

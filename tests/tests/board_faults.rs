@@ -27,9 +27,8 @@ mod schedule {
     /// ... the scanner's cable is pulled and put back ...
     pub const PULLED: u64 = 7 * SECOND_NS;
     pub const RETURNED: u64 = 9 * SECOND_NS;
-    /// ... the host stops reading and reads again. QEMU then waits for it, as a UART would not: what follows is late.
+    /// ... the host stops reading for three seconds. QEMU then waits for it, as a UART would not: what follows is late.
     pub const DEAF: u64 = 13 * SECOND_NS;
-    pub const LISTENING: u64 = 16 * SECOND_NS;
 }
 
 /// Bytes that begin no telegram and hold no ACK.
@@ -47,7 +46,7 @@ fn faults_on_the_wires_are_counted_and_survived() {
     let begin = drive[0].device_time_ns;
 
     let (mut flipped, mut noise, mut pulse, mut telegram) = (0, 0, 0, 0);
-    let mut steps = Vec::new();
+    let mut steps = vec![board::rest(&drive)];
     for mut chunk in drive {
         let at = chunk.device_time_ns - begin;
         match chunk.channel {
@@ -96,14 +95,7 @@ fn faults_on_the_wires_are_counted_and_survived() {
     steps.push(Step::Do(
         begin + schedule::DEAF,
         Box::new(|board, _| {
-            board.link.pause(true);
-            Ok(())
-        }),
-    ));
-    steps.push(Step::Do(
-        begin + schedule::LISTENING,
-        Box::new(|board, _| {
-            board.link.pause(false);
+            board.link.pause(Duration::from_secs(3));
             Ok(())
         }),
     ));
@@ -155,7 +147,8 @@ fn faults_on_the_wires_are_counted_and_survived() {
     let stx = board.link.collect(|message| if let Message::Scan(scan) = message { Some(scan.stx) } else { None });
     let gap_us = stx.windows(2).map(|pair| pair[1].since(pair[0])).max().expect("scans");
     println!("longest gap between scans: {gap_us} us");
-    assert!((2_000_000..4_100_000).contains(&gap_us), "pulled for 2 s and back within 2 s more: {gap_us}");
+    // The host's own scheduling moves either end by some tens of milliseconds.
+    assert!((1_800_000..4_200_000).contains(&gap_us), "pulled for 2 s and back within 2 s more: {gap_us}");
 
     // Nothing is missing on the link, although nobody read it for three seconds, and all of it verifies.
     assert_eq!(board.link.losses(), (0, 0));

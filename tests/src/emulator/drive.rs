@@ -56,7 +56,7 @@ impl Emulator {
                     clock.advance(self.monitor.counter()?);
                 }
             }
-            played.latest = played.latest.max(Duration::from_micros(clock.now_us() - due_us));
+            played.latest = played.latest.max(Duration::from_micros(clock.now_us().saturating_sub(due_us)));
             match step {
                 Step::Do(_, act) => act(self, scanner)?,
                 Step::Bytes(Chunk { channel: Channel::Lidar, .. }) if !scanner.is_sending() => played.unsent += 1,

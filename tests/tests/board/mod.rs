@@ -7,7 +7,7 @@ use crossfall::capture::{self, Channel, Chunk};
 use crossfall::log;
 use crossfall_core::protocol::DeviceTime;
 use crossfall_core::protocol::message::{Command, Level, Message, Session, Skip, Status};
-use crossfall_tests::emulator::drive::every_second;
+use crossfall_tests::emulator::drive::{Step, every_second};
 use crossfall_tests::emulator::{Emulator, Image, Options, image};
 use crossfall_tests::lms_emulator::{Mode, Scanner};
 
@@ -33,6 +33,12 @@ pub fn running_board() -> (Emulator, Scanner) {
     let up = board.converse(&mut scanner, Duration::from_secs(60), |scanner| scanner.mode == Mode::Continuous);
     assert!(up.expect("a running board"), "the bring-up got as far as {:x?}", scanner.understood);
     (board, scanner)
+}
+
+/// Half a second without anything, in which what is under way arrives.
+pub fn rest(after: &[Chunk]) -> Step<'static> {
+    let end = after.last().map_or(0, |chunk| chunk.device_time_ns);
+    Step::Do(end + 500_000_000, Box::new(|_, _| Ok(())))
 }
 
 /// Stops the survey and waits until every scan has its profile or was announced as skipped; the status after that, which counts everything.
