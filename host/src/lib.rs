@@ -13,6 +13,7 @@ pub mod log;
 pub mod output;
 pub mod plot;
 pub mod profiles;
+pub mod record;
 pub mod run;
 pub mod section;
 pub mod simulate;

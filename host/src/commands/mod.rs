@@ -9,6 +9,7 @@ mod info;
 mod plot;
 mod profiles;
 mod progress;
+mod record;
 mod reproduce;
 mod reproduce_terrain;
 mod risk;
@@ -48,6 +49,7 @@ pub enum Command {
     Simulate(simulate::Args),
     Import(import::Args),
     Run(run::Args),
+    Record(record::Args),
     Verify(verify::Args),
     Profiles(profiles::Args),
     Calibrate(calibrate::Args),
@@ -81,6 +83,7 @@ impl Command {
             Self::Simulate(args) => simulate::run(&args),
             Self::Import(args) => import::run(&args),
             Self::Run(args) => run::run(&args),
+            Self::Record(args) => record::run(&args),
             Self::Verify(args) => verify::run(&args),
             Self::Profiles(args) => profiles::run(&args),
             Self::Calibrate(args) => calibrate::run(&args),

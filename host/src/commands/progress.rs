@@ -20,6 +20,25 @@ impl Progress {
         Self(bar)
     }
 
+    /// Work without a known end: what it has come to, see [`Progress::say`].
+    pub fn spinner() -> Self {
+        let bar = ProgressBar::new_spinner();
+        bar.enable_steady_tick(Duration::from_millis(200));
+        Self(bar)
+    }
+
+    /// What it has come to.
+    pub fn say(&self, text: impl FnOnce() -> String) {
+        if !self.0.is_hidden() {
+            self.0.set_message(text());
+        }
+    }
+
+    /// Does something that writes to stderr.
+    pub fn aside<T>(&self, write: impl FnOnce() -> T) -> T {
+        self.0.suspend(write)
+    }
+
     /// How far it is.
     pub fn at(&self, position: u64) {
         self.0.set_position(position);

@@ -2,7 +2,6 @@
 
 use std::io::Read;
 use std::net::TcpStream;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
@@ -19,7 +18,6 @@ pub struct Collector {
 struct Shared {
     state: Mutex<State>,
     arrived: Condvar,
-    paused: AtomicBool,
 }
 
 #[derive(Debug, Default)]
@@ -29,19 +27,20 @@ struct State {
     sequence: Sequence,
     counters: Counters,
     closed: bool,
+    paused_until: Option<Instant>,
 }
 
 impl Collector {
     pub(super) fn start(mut stream: TcpStream) -> Self {
-        let shared =
-            Arc::new(Shared { state: Mutex::default(), arrived: Condvar::new(), paused: AtomicBool::new(false) });
+        let shared = Arc::new(Shared { state: Mutex::default(), arrived: Condvar::new() });
         let reader = Arc::clone(&shared);
         std::thread::spawn(move || {
             let mut decoder = HostDecoder::new();
             let mut chunk = [0; 4096];
             loop {
-                while reader.paused.load(Ordering::Relaxed) {
-                    std::thread::sleep(Duration::from_millis(5));
+                let paused = reader.state().paused_until.take();
+                if let Some(left) = paused.and_then(|until| until.checked_duration_since(Instant::now())) {
+                    std::thread::sleep(left);
                 }
                 let count = stream.read(&mut chunk).unwrap_or(0);
                 let mut state = reader.state();
@@ -63,9 +62,10 @@ impl Collector {
         Self { shared }
     }
 
-    /// Stops or resumes reading: a host that is busy elsewhere.
-    pub fn pause(&self, paused: bool) {
-        self.shared.paused.store(paused, Ordering::Relaxed);
+    /// Reads nothing for a while: a host that is busy elsewhere. It ends by itself, because QEMU, unlike a UART, waits for its reader, and
+    /// whoever would end it may be waiting for QEMU.
+    pub fn pause(&self, pause: Duration) {
+        self.shared.state().paused_until = Some(Instant::now() + pause);
     }
 
     /// Number of whole frames so far.

@@ -40,22 +40,23 @@ impl Emulator {
     /// When QEMU has gone, or when the board's clock falls behind the host's tenfold.
     pub fn play<'s>(&mut self, scanner: &mut Scanner, steps: impl IntoIterator<Item = Step<'s>>) -> io::Result<Played> {
         let begun = Instant::now();
-        let mut clock = Elapsed { counter: self.monitor.counter()?, us: 0 };
-        let start = clock.counter;
+        let start = self.monitor.counter()?;
+        let mut clock = Elapsed { counter: start, us: 0, read: Instant::now() };
         let mut first_ns = None;
         let mut played = Played::default();
         for step in steps {
             let first_ns = *first_ns.get_or_insert(step.device_time_ns());
             let due_us = step.device_time_ns().saturating_sub(first_ns) / 1_000;
-            while clock.us < due_us {
+            while clock.now_us() < due_us {
                 if begun.elapsed() > PATIENCE + 10 * Duration::from_micros(due_us) {
                     return Err(io::Error::new(io::ErrorKind::TimedOut, "the board's clock hardly moves"));
                 }
-                // Half of what is left, as the two clocks need not agree; the rest in small steps.
-                self.answer(scanner, Duration::from_micros(((due_us - clock.us) / 2).clamp(50, 20_000)))?;
-                clock.advance(self.monitor.counter()?);
+                self.answer(scanner, Duration::from_micros(due_us.saturating_sub(clock.now_us()).clamp(100, 5_000)))?;
+                if clock.read.elapsed() > LOOK {
+                    clock.advance(self.monitor.counter()?);
+                }
             }
-            played.latest = played.latest.max(Duration::from_micros(clock.us - due_us));
+            played.latest = played.latest.max(Duration::from_micros(clock.now_us().saturating_sub(due_us)));
             match step {
                 Step::Do(_, act) => act(self, scanner)?,
                 Step::Bytes(Chunk { channel: Channel::Lidar, .. }) if !scanner.is_sending() => played.unsent += 1,
@@ -123,16 +124,26 @@ pub struct Played {
 /// Beyond ten times the drive's length, a drive may last so much longer.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// The board's time since some instant, from readings of its counter.
+/// How often the board's clock is looked at. Each look costs QEMU as much as a dozen bytes.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// The board's time since some instant: readings of its counter, and the host's clock from one to the next.
 struct Elapsed {
     counter: u32,
     us: u64,
+    read: Instant,
 }
 
 impl Elapsed {
     fn advance(&mut self, counter: u32) {
         self.us += u64::from(counter.wrapping_sub(self.counter));
         self.counter = counter;
+        self.read = Instant::now();
+    }
+
+    /// Time goes on for at most as long as there should be between readings.
+    fn now_us(&self) -> u64 {
+        self.us + self.read.elapsed().min(LOOK).as_micros() as u64
     }
 }
 

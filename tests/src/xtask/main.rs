@@ -16,7 +16,9 @@ use std::process::ExitCode;
 const HELP: &str = "\
 cargo xtask COMMAND
 
-  test [STEP...]   install what is missing, then run every check (or only the steps named)
+  test [--long] [STEP...]
+                   install what is missing, then run every check (or only the steps named);
+                   --long adds what takes long or wants the machine for itself
   setup            install what is missing: ARM target, emulator, cargo-deny
   list             name the steps of `test`
 
@@ -29,6 +31,10 @@ fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
     match words.as_slice() {
+        ["test", "--long", wanted @ ..] => {
+            shell::set_for_children(steps::LONG);
+            steps::run(wanted)
+        }
         ["test", wanted @ ..] => steps::run(wanted),
         ["setup"] => steps::run(&["setup"]),
         ["list"] => steps::list(),

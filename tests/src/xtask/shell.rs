@@ -3,6 +3,7 @@
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::OnceLock;
 use std::thread;
 
 /// Tests counted over all commands of a run.
@@ -12,6 +13,18 @@ pub struct Tally {
     pub passed: u64,
     /// Tests that failed.
     pub failed: u64,
+}
+
+static CHILD_VARIABLE: OnceLock<&str> = OnceLock::new();
+
+/// Sets a variable to 1 for every command run from now on.
+pub fn set_for_children(variable: &'static str) {
+    CHILD_VARIABLE.get_or_init(|| variable);
+}
+
+/// Whether it is.
+pub fn is_set_for_children(variable: &str) -> bool {
+    CHILD_VARIABLE.get().is_some_and(|set| *set == variable) || std::env::var_os(variable).is_some()
 }
 
 /// The root of the workspace: the parent of this crate's folder.
@@ -25,6 +38,9 @@ pub fn command(line: &str, folder: &str) -> Command {
     let mut words = line.split_whitespace();
     let mut command = Command::new(words.next().unwrap_or_default());
     command.args(words).current_dir(root().join(folder));
+    if let Some(variable) = CHILD_VARIABLE.get() {
+        command.env(variable, "1");
+    }
     command
 }
 

@@ -8,6 +8,9 @@ use crate::shell::{self, Tally};
 
 type Step = (&'static str, &'static str, fn(&mut Tally) -> Result<(), String>);
 
+/// Set for tests that take long, or the whole machine.
+pub const LONG: &str = "CROSSFALL_LONG";
+
 const STEPS: &[Step] = &[
     ("setup", "install what is missing", setup::install),
     ("format", "every file as rustfmt leaves it", |tally| shell::run("cargo fmt --all --check", "", tally)),
@@ -28,6 +31,9 @@ fn licences(tally: &mut Tally) -> Result<(), String> {
 fn unit(tally: &mut Tally) -> Result<(), String> {
     if std::env::var_os("CROSSFALL_RECORDINGS").is_none() {
         eprintln!("  CROSSFALL_RECORDINGS is not set: the tests over real recordings will say that they skip");
+    }
+    if !shell::is_set_for_children(LONG) {
+        eprintln!("  without --long: the wire faults on the emulated board will say that they skip");
     }
     shell::run("cargo test --workspace --no-fail-fast", "", tally)
 }

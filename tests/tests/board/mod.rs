@@ -5,8 +5,9 @@ use std::time::Duration;
 
 use crossfall::capture::{self, Channel, Chunk};
 use crossfall::log;
-use crossfall_core::protocol::message::{Command, Message, Session, Status};
-use crossfall_tests::emulator::drive::every_second;
+use crossfall_core::protocol::DeviceTime;
+use crossfall_core::protocol::message::{Command, Level, Message, Session, Skip, Status};
+use crossfall_tests::emulator::drive::{Step, every_second};
 use crossfall_tests::emulator::{Emulator, Image, Options, image};
 use crossfall_tests::lms_emulator::{Mode, Scanner};
 
@@ -34,7 +35,13 @@ pub fn running_board() -> (Emulator, Scanner) {
     (board, scanner)
 }
 
-/// Stops the survey and waits until every scan has its profile; the status after that, which counts everything.
+/// Half a second without anything, in which what is under way arrives.
+pub fn rest(after: &[Chunk]) -> Step<'static> {
+    let end = after.last().map_or(0, |chunk| chunk.device_time_ns);
+    Step::Do(end + 500_000_000, Box::new(|_, _| Ok(())))
+}
+
+/// Stops the survey and waits until every scan has its profile or was announced as skipped; the status after that, which counts everything.
 pub fn stop(board: &mut Emulator) -> Status {
     let from = board.link.len();
     board.command(&Command::Stop).expect("a running board");
@@ -44,12 +51,22 @@ pub fn stop(board: &mut Emulator) -> Status {
     let scans = board.link.collect(|message| matches!(message, Message::Scan(_)).then_some(())).len();
     let mut profiles = 0;
     let last = |message: &Message<'_>| {
-        profiles += usize::from(matches!(message, Message::Profile(_)));
+        profiles += usize::from(matches!(message, Message::Profile(_) | Message::Skip(Skip::Scan(_))));
         (profiles == scans).then_some(())
     };
-    let (at, ()) = board.link.wait_for(0, limit, last).expect("a profile for every scan");
+    let (at, ()) = board.link.wait_for(0, limit, last).expect("a profile or a reason for every scan");
     let status = |message: &Message<'_>| if let Message::Status(status) = message { Some(*status) } else { None };
     board.link.wait_for(at, limit, status).expect("a status").1
+}
+
+/// What the board has told in words, and when.
+pub fn told(board: &Emulator) -> Vec<(DeviceTime, String)> {
+    board.link.collect(|message| match message {
+        Message::Log(line) if line.level != Level::Defmt => {
+            Some((line.time, String::from_utf8_lossy(line.text).into_owned()))
+        }
+        _ => None,
+    })
 }
 
 /// Everything that the board has sent, as a log.

@@ -1,8 +1,8 @@
 //! Whether the image runs on silicon or in QEMU's `olimex-stm32-h405`: asked once, at boot, of the hardware itself.
 //!
 //! One image serves both, so that what the tests run is what a user flashes. The differences are kept to the callers of
-//! [`detect`]: clocks are not to be switched (QEMU's RCC has no ready flags), timers 2 to 5 run from 1 GHz, and the
-//! pulse per second, which has no pin in QEMU, arrives as a byte on UART5.
+//! [`detect`]: clocks are not to be switched (QEMU's RCC has no ready flags), timers 2 to 5 run from 1 GHz, lines have no
+//! rate of their own (`uart.rs`), and the pulse per second, which has no pin in QEMU, arrives as a byte on UART5.
 
 use embassy_stm32::pac;
 use embassy_stm32::pac::flash::vals::Latency;

@@ -21,11 +21,28 @@ extern "C" fn make_decode(config: &Config, identity: &Identity) -> Decode {
     Decode::new(*config, identity.clone())
 }
 
+/// Calls a function of the C convention with the address of its result and two arguments. What a call may change is listed rather than
+/// named by `clobber_abi("C")`, which also names registers that this core lacks.
+macro_rules! call {
+    ($make:ident, $place:expr, $first:expr, $second:expr) => {
+        asm!(
+            "bl {make}",
+            make = sym $make,
+            inout("r0") $place => _,
+            inout("r1") $first => _,
+            inout("r2") $second => _,
+            out("r3") _, out("r12") _, out("lr") _,
+            out("d0") _, out("d1") _, out("d2") _, out("d3") _,
+            out("d4") _, out("d5") _, out("d6") _, out("d7") _,
+        )
+    };
+}
+
 /// A survey at boot.
 pub fn survey(place: &mut MaybeUninit<Survey>) -> &mut Survey {
     // SAFETY: calls `make_survey` by the convention above, with `place` for its result, which it writes whole.
     unsafe {
-        asm!("bl {make}", make = sym make_survey, inout("r0") place.as_mut_ptr() => _, clobber_abi("C"));
+        call!(make_survey, place.as_mut_ptr(), 0, 0);
         place.assume_init_mut()
     }
 }
@@ -34,14 +51,7 @@ pub fn survey(place: &mut MaybeUninit<Survey>) -> &mut Survey {
 pub fn decode<'p>(place: &'p mut MaybeUninit<Decode>, config: &Config, identity: &Identity) -> &'p mut Decode {
     // SAFETY: calls `make_decode` likewise; its arguments outlive the call.
     unsafe {
-        asm!(
-            "bl {make}",
-            make = sym make_decode,
-            inout("r0") place.as_mut_ptr() => _,
-            inout("r1") config => _,
-            inout("r2") identity => _,
-            clobber_abi("C"),
-        );
+        call!(make_decode, place.as_mut_ptr(), config, identity);
         place.assume_init_mut()
     }
 }

@@ -92,6 +92,9 @@ fn main() -> ! {
     let restart = fault::take();
     let platform = emulation::detect();
     let clocks = clocks::start(platform);
+    if platform == Platform::Emulated {
+        uart::lines_are_emulated();
+    }
     log::start();
     // SAFETY: the one and only time that the peripherals are taken; embassy's own `init`, which would hand them out, waits
     // for ready flags that the emulator does not have and is not used.

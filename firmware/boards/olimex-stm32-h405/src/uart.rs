@@ -10,7 +10,7 @@
 
 use core::convert::Infallible;
 use core::future::poll_fn;
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use core::task::Poll;
 
 use crossfall_firmware::line::{SensorLine, StampedRead};
@@ -31,6 +31,15 @@ const STAMP_MASK: u32 = 0xff_ffff;
 /// Bytes that one read returns at most, and how long it lets them gather: readers have at least that chance every millisecond.
 const CHUNK: usize = 64;
 const GATHER: Duration = Duration::from_millis(1);
+
+/// Whether a full ring leaves the next byte in the receiver instead of losing it. QEMU then holds back its sender, which is no
+/// wire and sends as fast as it may; silicon would overrun.
+static HOLD_BACK: AtomicBool = AtomicBool::new(false);
+
+/// Says that the lines are QEMU's.
+pub fn lines_are_emulated() {
+    HOLD_BACK.store(true, Ordering::Relaxed);
+}
 
 /// One UART: `RX` bytes of ring (a power of two), `TX` bytes of pipe.
 pub struct Port<const RX: usize, const TX: usize> {
@@ -84,7 +93,9 @@ impl<const RX: usize, const TX: usize> Port<RX, TX> {
         // The overrun flag is cleared by reading the status and then the data (30.6.1); the data register still holds
         // the byte before the one that was lost. Never write the status: QEMU would clear a fresh RXNE with it.
         let status = self.usart.sr().read();
-        if status.rxne() || status.ore() {
+        if status.rxne() && self.held() >= RX && HOLD_BACK.load(Ordering::Relaxed) {
+            self.usart.cr1().modify(|w| w.set_rxneie(false));
+        } else if status.rxne() || status.ore() {
             let byte = self.usart.dr().read().dr() as u8;
             if status.ore() {
                 self.lost.store(self.lost.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
@@ -199,6 +210,9 @@ impl<const RX: usize, const TX: usize> Read for Receiver<RX, TX> {
             let Some((byte, at)) = port.pop() else { break };
             (*slot, *stamp) = (byte, at);
             count += 1;
+        }
+        if HOLD_BACK.load(Ordering::Relaxed) {
+            critical_section::with(|_| port.usart.cr1().modify(|w| w.set_rxneie(true)));
         }
         let counter = time::counter();
         self.read_at = (counter, time::extend(counter));

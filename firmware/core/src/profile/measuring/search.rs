@@ -43,12 +43,14 @@ pub struct Run {
 /// The best line among the candidates, which begin at `start` or beyond, and its run over `samples`.
 pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) -> Option<(Line, Run)> {
     let mut finalists = [(Line::default(), 0i32); FINALISTS];
-    mark_raised(samples, wanted);
+    // Where nothing grows every second start finds what all would; in vegetation every one may be the good one.
+    let overgrown = 16 * mark_raised(samples, wanted) > samples.len();
+    let stride = if overgrown { 1 } else { 2 };
     // Starting within a good run would mostly find it again: past `settled` and `thinned` all and every third start counts.
     let (mut settled, mut thinned) = (0, 0);
     for (i, a) in samples.iter().enumerate() {
         // A stray may lie anywhere: it does not end the search.
-        let skipped = i < settled || (i < thinned && i % 3 != 0);
+        let skipped = i < settled || (i < thinned && i % 3 != 0) || i % stride != 0;
         if skipped || a.u < start || a.u > start + START_REACH || a.weight == RAISED {
             continue;
         }
@@ -96,22 +98,27 @@ pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) 
 }
 
 /// Marks the samples that stand above both of their neighbours: vegetation, no part of a candidate. Heights count from a
-/// line that slopes as what is wanted, so that on any line each sample lies between its neighbours.
-fn mark_raised(samples: &mut [Sample], wanted: &Wanted) {
+/// line that slopes as what is wanted, so that on any line each sample lies between its neighbours. Says how many there are.
+fn mark_raised(samples: &mut [Sample], wanted: &Wanted) -> usize {
     let typical_q14 = (wanted.least_q14 + wanted.most_q14) / 2;
     // |u| < 2^22 grains and the slope below 2^15: a shift of 6 keeps the product in 32 bits.
     let height = |s: &Sample| s.z - (((s.u >> 6) * typical_q14) >> 8);
     let (mut before, mut here) = (i32::MAX >> 1, i32::MAX >> 1);
     let mut last: Option<&mut Sample> = None;
+    let mut count = 0;
     for sample in samples {
         let after = height(sample);
         sample.weight = 0;
-        if let Some(last) = last {
-            last.weight = if here > before.max(after) + PROTRUSION { RAISED } else { 0 };
+        if let Some(last) = last
+            && here > before.max(after) + PROTRUSION
+        {
+            last.weight = RAISED;
+            count += 1;
         }
         (before, here) = (here, after);
         last = Some(sample);
     }
+    count
 }
 
 /// Mark of a raised sample, in the place of a weight that no fit has set yet.

@@ -1,0 +1,235 @@
+//! Recording: every frame that a board sends, into a log, for as long as the drive lasts.
+//!
+//! Two threads. One does nothing but drain the port into a [`Buffer`](buffer) of at most [`buffer::CAPACITY`] bytes, so that a slow disk never
+//! makes the operating system drop what arrives; where even that overflows, the bytes lost are counted and told. The other splits the
+//! stream into frames and logs them as received, the broken ones too; a run of bytes longer than any frame is logged in pieces of the longest
+//! frame. Left out are only delimiters with nothing before them, and the frame under way when the recording ends.
+//!
+//! A lost connection is tried again for ever, and the recording goes on in the same log. What the board sent meanwhile shows as a gap in the
+//! sequence numbers. The receive time is that of the read that brought a frame's last byte: the system's clock at the start plus monotonic
+//! time since, so a clock that is set during the drive does not move it (a host that sleeps is not counted).
+
+mod buffer;
+mod device;
+mod link;
+mod reader;
+
+use std::fmt;
+use std::sync::Arc;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use crossfall_core::protocol::message::Status;
+use crossfall_core::protocol::schema;
+
+use crate::{log, output};
+pub use buffer::CAPACITY;
+use buffer::{Buffer, Event, Taken};
+pub use device::{BAUD, Device, Port};
+use link::Link;
+
+/// How long the recording waits for an event before it looks at everything else.
+const POLL: Duration = Duration::from_millis(50);
+
+/// How long the end waits for a reader that is in the middle of a read.
+const LAST_READ: Duration = Duration::from_millis(500);
+
+/// A board says something once a second; after so much silence the user is told, and the board is asked who it is.
+const SILENCE: Duration = Duration::from_secs(5);
+
+/// Why a recording failed.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The log cannot be written.
+    #[error(transparent)]
+    Log(#[from] output::Error),
+    /// The thread that reads cannot be started.
+    #[error("cannot start a thread: {0}")]
+    Reader(std::io::Error),
+}
+
+/// What the user should be told while the recording goes on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Notice {
+    /// A board said who it is, and it is not who it was.
+    Board {
+        /// Name and version of its firmware.
+        firmware: String,
+        /// Its name.
+        board: String,
+        /// The hash of the messages it speaks.
+        schema: u64,
+    },
+    /// The board has booted again.
+    Restarted {
+        /// Its own words, empty after power-on.
+        why: String,
+    },
+    /// The connection is gone; it is tried again until it is back.
+    Gone {
+        /// What the operating system said.
+        why: String,
+    },
+    /// Bytes come again.
+    Back,
+    /// Connected, and nothing comes.
+    Silent,
+    /// Bytes found no room because the log could not be written fast enough.
+    Overflow {
+        /// How many.
+        bytes: u64,
+    },
+}
+
+impl fmt::Display for Notice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Board { firmware, board, schema } => {
+                write!(f, "recording {firmware} on {board}")?;
+                if *schema == schema::HASH {
+                    return Ok(());
+                }
+                let ours = schema::HASH;
+                write!(
+                    f,
+                    "; it speaks message schema {schema:016x}, this program knows {ours:016x}: logged all the same"
+                )
+            }
+            Self::Restarted { why } if why.is_empty() => f.write_str("the board has restarted"),
+            Self::Restarted { why } => write!(f, "the board has restarted: {why}"),
+            Self::Gone { why } => write!(f, "connection lost ({why}), trying again"),
+            Self::Back => f.write_str("connected again"),
+            Self::Silent => write!(f, "nothing comes from the board for {} s", SILENCE.as_secs()),
+            Self::Overflow { bytes } => write!(f, "the log is too slow: {bytes} bytes lost"),
+        }
+    }
+}
+
+/// What a recording has come to.
+#[derive(Clone, Debug, Default)]
+pub struct Summary {
+    /// Seconds since it began.
+    pub seconds: f64,
+    /// Frames logged, good or bad.
+    pub frames: u64,
+    /// Bytes of these frames.
+    pub bytes: u64,
+    /// Profiles among them.
+    pub profiles: u64,
+    /// Frames that do not decode, and pieces of runs of bytes longer than any frame.
+    pub bad_frames: u64,
+    /// Frames that the sequence numbers prove missing.
+    pub missing_frames: u64,
+    /// Bytes that found no room in the buffer.
+    pub bytes_lost: u64,
+    /// Times that a lost connection came back.
+    pub reconnects: u64,
+    /// Times that the board booted within the recording.
+    pub restarts: u64,
+    /// Whether there is no connection: what the board sends meanwhile is lost, and nobody knows how much it is.
+    pub disconnected: bool,
+    /// The board's last status: every counter.
+    pub status: Status,
+}
+
+impl Summary {
+    /// Whether anything that the board sent is not in the log as it sent it, or may not be: nobody knows what was under way when a
+    /// board booted again, or what is sent while nothing is connected.
+    #[must_use]
+    pub fn lost(&self) -> bool {
+        let known = self.bad_frames > 0 || self.missing_frames > 0 || self.bytes_lost > 0 || self.frames == 0;
+        known || self.restarts > 0 || self.disconnected
+    }
+}
+
+/// Records what comes from `port`, and from `device` again when that is lost, until `goes_on` says no; it is asked at least
+/// twenty times a second as long as the disk keeps up.
+///
+/// # Errors
+/// When the log cannot be written or the thread that reads cannot be started.
+pub fn record(
+    device: &Device,
+    port: Box<dyn Port>,
+    log: &mut log::Writer,
+    mut notice: impl FnMut(Notice),
+    mut goes_on: impl FnMut(&Summary) -> bool,
+) -> Result<Summary, Error> {
+    let clock = Clock::start();
+    let buffer = Arc::new(Buffer::new());
+    reader::spawn(device.clone(), port, clock, Arc::clone(&buffer)).map_err(Error::Reader)?;
+    // However this function is left, the reader ends with it.
+    let _stop = StopOnDrop(&buffer);
+    let mut link = Link::new();
+    let mut summary = Summary::default();
+    let mut heard = Instant::now();
+    let mut told_silent = false;
+    let mut stopped: Option<Instant> = None;
+    loop {
+        match buffer.take(POLL) {
+            Taken::Event(Event::Bytes { receive_ns, bytes }) => {
+                (heard, told_silent) = (Instant::now(), false);
+                link.take(receive_ns, &bytes, log, &mut summary, &mut notice)?;
+            }
+            Taken::Event(Event::Overflow { bytes }) => {
+                link.cut(log, &mut summary)?;
+                summary.bytes_lost += bytes;
+                notice(Notice::Overflow { bytes });
+            }
+            Taken::Event(Event::Gone { why }) => {
+                link.cut(log, &mut summary)?;
+                summary.disconnected = true;
+                notice(Notice::Gone { why });
+            }
+            Taken::Event(Event::Back) => {
+                summary.disconnected = false;
+                summary.reconnects += 1;
+                notice(Notice::Back);
+            }
+            Taken::Nothing if stopped.is_some_and(|stopped| stopped.elapsed() > LAST_READ) => break,
+            Taken::Nothing => {}
+            Taken::End => break,
+        }
+        log.settle(clock.now_ns())?;
+        if heard.elapsed() > SILENCE && !told_silent && !summary.disconnected {
+            told_silent = true;
+            notice(Notice::Silent);
+        }
+        summary.seconds = clock.started.elapsed().as_secs_f64();
+        if stopped.is_none() && !goes_on(&summary) {
+            stopped = Some(Instant::now());
+            buffer.stop();
+        }
+    }
+    Ok(summary)
+}
+
+struct StopOnDrop<'a>(&'a Buffer);
+
+impl Drop for StopOnDrop<'_> {
+    fn drop(&mut self) {
+        self.0.stop();
+    }
+}
+
+/// Receive time.
+#[derive(Clone, Copy)]
+struct Clock {
+    epoch_ns: u64,
+    started: Instant,
+}
+
+impl Clock {
+    fn start() -> Self {
+        // A clock before 1970 counts from there; nanoseconds since fit 64 bits until 2554.
+        let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        Self { epoch_ns: nanoseconds(since), started: Instant::now() }
+    }
+
+    /// Nanoseconds since the Unix epoch; never less than before.
+    fn now_ns(&self) -> u64 {
+        self.epoch_ns.saturating_add(nanoseconds(self.started.elapsed()))
+    }
+}
+
+fn nanoseconds(duration: Duration) -> u64 {
+    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
+}

@@ -1,0 +1,148 @@
+//! Where a board is: behind a serial port, or behind a TCP address (a serial server, an emulator).
+
+use std::fmt;
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::str::FromStr;
+use std::time::Duration;
+
+use crossfall_core::protocol::frame::MAX_COMMAND_FRAME;
+use crossfall_core::protocol::message::Command;
+
+/// The board's baud rate on the link (docs/hardware.md).
+pub const BAUD: u32 = 1_000_000;
+
+/// How long a read waits: as long as an end may have to wait for the reader.
+const READ: Duration = Duration::from_millis(100);
+
+/// How long an address may take to answer.
+const CONNECT: Duration = Duration::from_secs(2);
+
+/// What a board is read from and written to. Reads end with [`ErrorKind::TimedOut`] or [`ErrorKind::WouldBlock`] when nothing comes.
+pub trait Port: Read + Write + Send {}
+
+impl<T: Read + Write + Send> Port for T {}
+
+/// `serial:PATH`, `serial:PATH@BAUD` or `tcp:HOST:PORT`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Device {
+    /// A serial port, 8N1 without flow control.
+    Serial {
+        /// Its name: `/dev/ttyUSB0`, `COM3`.
+        path: String,
+        /// Bits a second.
+        baud: u32,
+    },
+    /// A TCP server.
+    Tcp {
+        /// Host and port.
+        address: String,
+    },
+}
+
+impl FromStr for Device {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        const EXPECTED: &str = "expected serial:PATH, serial:PATH@BAUD or tcp:HOST:PORT";
+        match text.split_once(':') {
+            Some(("serial", place)) => {
+                let (path, baud) = match place.rsplit_once('@') {
+                    None => (place, BAUD),
+                    Some((path, baud)) => match baud.parse() {
+                        Ok(baud) if baud > 0 => (path, baud),
+                        _ => return Err(format!("`{baud}` is no baud rate; {EXPECTED}")),
+                    },
+                };
+                if path.is_empty() {
+                    return Err(format!("no path; {EXPECTED}"));
+                }
+                Ok(Self::Serial { path: path.to_owned(), baud })
+            }
+            Some(("tcp", address)) => match address.rsplit_once(':') {
+                Some((host, port)) if !host.is_empty() && port.parse::<u16>().is_ok_and(|port| port > 0) => {
+                    Ok(Self::Tcp { address: address.to_owned() })
+                }
+                _ => Err(format!("`{address}` is no host and port; {EXPECTED}")),
+            },
+            _ => Err(EXPECTED.to_owned()),
+        }
+    }
+}
+
+impl fmt::Display for Device {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Serial { path, baud } => write!(f, "serial:{path}@{baud}"),
+            Self::Tcp { address } => write!(f, "tcp:{address}"),
+        }
+    }
+}
+
+impl Device {
+    /// Opens the port and asks the board who it is and how it is configured. The survey goes on undisturbed.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn connect(&self) -> io::Result<Box<dyn Port>> {
+        let mut port: Box<dyn Port> = match self {
+            Self::Serial { path, baud } => Box::new(serialport::new(path, *baud).timeout(READ).open()?),
+            Self::Tcp { address } => {
+                let stream = connect(address)?;
+                stream.set_nodelay(true)?;
+                stream.set_read_timeout(Some(READ))?;
+                stream.set_write_timeout(Some(CONNECT))?;
+                Box::new(stream)
+            }
+        };
+        identify(&mut port)?;
+        Ok(port)
+    }
+}
+
+/// Asks the board who it is.
+pub(super) fn identify(port: &mut dyn Port) -> io::Result<()> {
+    let mut frame = [0; MAX_COMMAND_FRAME];
+    // A leading delimiter ends whatever the board has of a frame that another program broke off.
+    let length = Command::Identify.encode(0, &mut frame[1..]).map_err(io::Error::other)?;
+    port.write_all(&frame[..=length])
+}
+
+fn connect(address: &str) -> io::Result<TcpStream> {
+    let mut failed = io::Error::new(ErrorKind::NotFound, "the name has no address");
+    for address in address.to_socket_addrs()? {
+        match TcpStream::connect_timeout(&address, CONNECT) {
+            Ok(stream) => return Ok(stream),
+            Err(error) => failed = error,
+        }
+    }
+    Err(failed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn devices_are_read_as_written() {
+        let serial = |path: &str, baud| Ok(Device::Serial { path: path.to_owned(), baud });
+        assert_eq!("serial:/dev/ttyUSB0".parse(), serial("/dev/ttyUSB0", BAUD));
+        assert_eq!("serial:COM3@115200".parse(), serial("COM3", 115_200));
+        assert_eq!("tcp:localhost:4000".parse(), Ok(Device::Tcp { address: "localhost:4000".to_owned() }));
+        assert_eq!("tcp:[::1]:4000".parse(), Ok(Device::Tcp { address: "[::1]:4000".to_owned() }));
+        for wrong in [
+            "",
+            "serial:",
+            "serial:@9600",
+            "serial:a@fast",
+            "serial:a@0",
+            "tcp:4000",
+            "tcp:host:",
+            "tcp::1",
+            "tcp:h:70000",
+            "udp:h:1",
+        ] {
+            assert!(wrong.parse::<Device>().unwrap_err().contains("expected serial:PATH"), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,134 @@
+//! From the bytes of the link to the frames of the log.
+
+use std::collections::BTreeMap;
+
+use crossfall_core::protocol::Config;
+use crossfall_core::protocol::frame::{Event, Gap, HostDecoder, MAX_MESSAGE_FRAME, Sequence};
+use crossfall_core::protocol::message::Message;
+
+use super::{Notice, Summary};
+use crate::{log, output};
+
+/// The host's end of the link.
+pub struct Link {
+    decoder: HostDecoder,
+    sequence: Sequence,
+    identity: BTreeMap<String, String>,
+    config: Option<Config>,
+    /// Receive time of the last bytes.
+    latest_ns: u64,
+}
+
+impl Link {
+    /// One that has received nothing.
+    pub fn new() -> Self {
+        Self {
+            decoder: HostDecoder::new(),
+            sequence: Sequence::new(),
+            identity: BTreeMap::new(),
+            config: None,
+            latest_ns: 0,
+        }
+    }
+
+    /// The next bytes.
+    pub fn take(
+        &mut self,
+        receive_ns: u64,
+        mut bytes: &[u8],
+        log: &mut log::Writer,
+        summary: &mut Summary,
+        notice: &mut impl FnMut(Notice),
+    ) -> Result<(), output::Error> {
+        self.latest_ns = receive_ns;
+        while !bytes.is_empty() {
+            // No more than fills the longest frame: the decoder keeps nothing beyond it, the log everything.
+            let pending = usize::try_from(self.decoder.pending()).unwrap_or(usize::MAX);
+            let room = MAX_MESSAGE_FRAME.saturating_sub(pending).max(1);
+            let (mut part, rest) = bytes.split_at(room.min(bytes.len()));
+            bytes = rest;
+            while let Some(event) = self.decoder.next(&mut part) {
+                match event {
+                    Event::Frame(frame) => {
+                        count(summary, frame.raw);
+                        let gap = self.sequence.observe_message(frame.sequence, &frame.body);
+                        if gap == Gap::Restarted {
+                            summary.restarts += 1;
+                            let why = match &frame.body {
+                                Message::Hello(hello) => hello.restart.to_owned(),
+                                _ => "its numbers begin again".to_owned(),
+                            };
+                            notice(Notice::Restarted { why });
+                        }
+                        describe(&frame.body, &mut self.identity, &mut self.config, log, notice)?;
+                        match frame.body {
+                            Message::Profile(_) => summary.profiles += 1,
+                            Message::Status(status) => summary.status = status,
+                            _ => {}
+                        }
+                        log.frame(receive_ns, frame.raw)?;
+                    }
+                    Event::Rejected(rejected) => {
+                        count(summary, rejected.raw);
+                        summary.bad_frames += 1;
+                        if let Some(sequence) = rejected.sequence {
+                            self.sequence.observe(sequence);
+                        }
+                        log.frame(receive_ns, rejected.raw)?;
+                    }
+                }
+                summary.missing_frames = self.sequence.missing();
+            }
+            if self.decoder.pending() >= MAX_MESSAGE_FRAME as u64 {
+                self.cut(log, summary)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The stream is broken here: what there is of a frame is logged.
+    pub fn cut(&mut self, log: &mut log::Writer, summary: &mut Summary) -> Result<(), output::Error> {
+        let Some(rejected) = self.decoder.finish() else { return Ok(()) };
+        count(summary, rejected.raw);
+        summary.bad_frames += 1;
+        log.frame(self.latest_ns, rejected.raw)
+    }
+}
+
+fn count(summary: &mut Summary, raw: &[u8]) {
+    summary.frames += 1;
+    summary.bytes += raw.len() as u64;
+}
+
+/// Metadata for readers that know no frames, whenever they change: who the board is and how it is configured.
+fn describe(
+    message: &Message<'_>,
+    identity: &mut BTreeMap<String, String>,
+    config: &mut Option<Config>,
+    log: &mut log::Writer,
+    notice: &mut impl FnMut(Notice),
+) -> Result<(), output::Error> {
+    match message {
+        Message::Hello(hello) => {
+            let entries = [
+                ("firmware", hello.firmware.to_owned()),
+                ("board", hello.board.to_owned()),
+                ("schema", format!("{:016x}", hello.schema)),
+            ];
+            let entries = entries.map(|(key, value)| (key.to_owned(), value)).into();
+            if *identity != entries {
+                log.metadata(log::metadata::IDENTITY, entries.clone())?;
+                *identity = entries;
+                let (firmware, board) = (hello.firmware.to_owned(), hello.board.to_owned());
+                notice(Notice::Board { firmware, board, schema: hello.schema });
+            }
+        }
+        Message::Config(found) if *config != Some(*found) => {
+            let toml = [("toml".to_owned(), crate::config::to_toml(found))].into();
+            log.metadata(log::metadata::CONFIG, toml)?;
+            *config = Some(*found);
+        }
+        _ => {}
+    }
+    Ok(())
+}
