@@ -133,13 +133,9 @@ fn departed_at(samples: &[Sample], line: &Line, departure: usize) -> Option<i32>
 
 /// The range noise that explains the residuals of a fit, with the assumed one as a prior.
 fn updated(noise: &Noise, found: &Fit) -> Noise {
-    // Residuals of n effective samples have n - 2 degrees of freedom; ratio = mean square over what was assumed.
-    let freedom_q8 = found.effective_q8.saturating_sub(2 << 8) + (PRIOR << 8);
-    let chi2_q8 = found.chi2_q8 + (PRIOR << 8);
-    let ratio_q10 = ((u64::from(chi2_q8) << 10) / u64::from(freedom_q8.max(1))).min(1 << 16);
     // At the road the beam is nearly square to the surface: g is about 0.9, and the surface's part is taken off.
     let assumed = u64::from(noise.range * noise.range) + u64::from(noise.rough2);
-    let total = (assumed * ratio_q10) >> 10;
+    let total = (assumed * u64::from(found.ratio_q10(PRIOR))) >> 10;
     let range = total.saturating_sub(u64::from(noise.rough2)).isqrt() as u32;
     Noise { range: range.clamp(millimetres(1) as u32 / 2, Noise::MAX_RANGE), ..*noise }
 }
