@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use crossfall::capture::Channel;
 use crossfall::{profiles, verify};
-use crossfall_tests::emulator::drive::Step;
+use crossfall_tests::emulator::Step;
 use crossfall_tests::recordings;
 
 #[test]
@@ -19,7 +19,8 @@ fn a_drive_at_half_rate_loses_nothing_and_verifies() {
     let sent = |channel| drive.iter().filter(|chunk| chunk.channel == channel).count();
     let (scans, poses, pulses) = (sent(Channel::Lidar), sent(Channel::Ins), sent(Channel::Pps));
     let rest = board::rest(&drive);
-    let played = board.play(&mut scanner, drive.into_iter().map(Step::Bytes).chain([rest])).expect("a running board");
+    let played =
+        board.play(&mut scanner, drive.into_iter().map(Step::Bytes).chain([rest]), |_| ()).expect("a running board");
     println!("{scans} scans, {poses} poses, {pulses} pulses; the host was {:?} late at most", played.latest);
 
     let status = board::stop(&mut board);

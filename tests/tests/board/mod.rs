@@ -7,8 +7,7 @@ use crossfall::capture::{self, Channel, Chunk};
 use crossfall::log;
 use crossfall_core::protocol::DeviceTime;
 use crossfall_core::protocol::message::{Command, Level, Message, Session, Skip, Status};
-use crossfall_tests::emulator::drive::{Step, every_second};
-use crossfall_tests::emulator::{Emulator, Image, Options, image};
+use crossfall_tests::emulator::{Emulator, Image, Options, Step, every_second, image};
 use crossfall_tests::lms_emulator::{Mode, Scanner};
 
 /// First bytes of a scan's telegram of 361 values without indices (TL, B0h) and of a short NovAtel header.
@@ -26,10 +25,11 @@ pub fn half_rate_drive(folder: &Path) -> Vec<Chunk> {
     drive
 }
 
-/// A board that has been switched on and has brought its scanner up.
+/// A board that has been switched on and has brought its scanner up; it is told so with the first scan that is played.
 pub fn running_board() -> (Emulator, Scanner) {
     let mut board = Emulator::start(&image(Image::Board), &Options::default()).expect("a board");
     let mut scanner = Scanner::waiting_at(9_600);
+    scanner.holds_start = true;
     let up = board.converse(&mut scanner, Duration::from_secs(60), |scanner| scanner.mode == Mode::Continuous);
     assert!(up.expect("a running board"), "the bring-up got as far as {:x?}", scanner.understood);
     (board, scanner)

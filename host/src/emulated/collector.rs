@@ -5,8 +5,8 @@ use std::net::TcpStream;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
-use crossfall_protocol::Message;
-use crossfall_protocol::frame::{Counters, Event, HostDecoder, Sequence};
+use crossfall_core::protocol::frame::{Counters, Event, HostDecoder, Sequence};
+use crossfall_core::protocol::message::Message;
 
 /// What the board has sent so far.
 #[derive(Debug)]
