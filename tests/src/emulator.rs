@@ -2,5 +2,7 @@
 
 mod image;
 
-pub use crossfall::emulated::{Collector, Emulator, Monitor, Options, Played, SensorEnd, Step, every_second};
+pub use crossfall::emulated::{
+    Collector, Emulator, Failure, Monitor, Options, Played, SensorEnd, Step, every_second, half_the_scans,
+};
 pub use image::{Image, image};

@@ -40,6 +40,18 @@ pub struct Options {
     pub arguments: Vec<String>,
 }
 
+/// Ways of failing that the emulated board can be made to take.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Failure {
+    /// A panic.
+    Panic = 0xf0,
+    /// An instruction that there is not.
+    HardFault = 0xf1,
+    /// A recursion without end.
+    StackOverflow = 0xf2,
+}
+
 /// One of the board's sensor lines, as the sensor sees it.
 #[derive(Debug)]
 pub struct SensorEnd {
@@ -133,6 +145,33 @@ impl Emulator {
         self.pulse.write_all(b"p")
     }
 
+    /// One edge of the pulse per second at a known instant: the machine stands still while the byte that stands for the edge gets to its
+    /// receiver, and its interrupt is the first thing that happens then. The answer is the counter's value at that instant.
+    ///
+    /// # Errors
+    /// When QEMU has gone or the byte does not arrive.
+    pub fn pulse_exactly(&mut self) -> io::Result<u32> {
+        self.monitor.ask("stop")?;
+        let counter = self.monitor.counter()?;
+        self.pulse()?;
+        let deadline = Instant::now() + START_LIMIT;
+        while !self.monitor.pulse_waits()? {
+            if Instant::now() > deadline {
+                return Err(io::Error::new(io::ErrorKind::TimedOut, "the pulse does not arrive"));
+            }
+        }
+        self.monitor.ask("cont")?;
+        Ok(counter)
+    }
+
+    /// Makes the board fail on purpose, see the board's `emulation.rs`.
+    ///
+    /// # Errors
+    /// When QEMU has gone.
+    pub fn provoke(&mut self, failure: Failure) -> io::Result<()> {
+        self.pulse.write_all(&[failure as u8])
+    }
+
     /// Sends a command; the answer is the sequence number that its reply will name.
     ///
     /// # Errors
@@ -181,9 +220,9 @@ pub const QEMU: &str = "qemu-system-arm";
 #[cfg(unix)]
 fn watched() -> Command {
     use std::os::unix::process::CommandExt;
-    const WATCH: &str = "exec 3<&0; \"$@\" </dev/null 3<&- & machine=$!; \
-        { read -r _ <&3; kill -9 $machine; } >/dev/null 2>&1 & watch=$!; exec 3<&-; \
-        wait $machine; code=$?; kill $watch 2>/dev/null; exit $code";
+    const WATCH: &str = "exec 3<&0 4>&2 2>/dev/null; \"$@\" </dev/null 2>&4 3<&- 4>&- & machine=$!; \
+        { exec 4>&-; read -r _ <&3; kill -9 $machine; } & watch=$!; exec 3<&- 4>&-; \
+        wait $machine; code=$?; kill $watch; exit $code";
     let mut command = Command::new("sh");
     command.args(["-c", WATCH, "sh", QEMU]).process_group(0);
     command

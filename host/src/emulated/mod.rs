@@ -9,9 +9,11 @@ mod drive;
 mod image;
 mod monitor;
 pub mod scanner;
+mod survey;
 
-pub use board::{Emulator, Options, SensorEnd};
+pub use board::{Emulator, Failure, Options, SensorEnd};
 pub use collector::Collector;
 pub use drive::{Act, Played, Step, every_second};
 pub use image::{Missing, find_image, require_qemu};
 pub use monitor::Monitor;
+pub use survey::{Error, Surveyed, half_the_scans, survey};

@@ -6,7 +6,7 @@ use std::time::Duration;
 use crossfall::capture::{self, Channel, Chunk};
 use crossfall::log;
 use crossfall_core::protocol::DeviceTime;
-use crossfall_core::protocol::message::{Command, Level, Message, Session, Skip, Status};
+use crossfall_core::protocol::message::{Level, Message, Status};
 use crossfall_tests::emulator::{Emulator, Image, Options, Step, every_second, image};
 use crossfall_tests::lms_emulator::{Mode, Scanner};
 
@@ -41,22 +41,9 @@ pub fn rest(after: &[Chunk]) -> Step<'static> {
     Step::Do(end + 500_000_000, Box::new(|_, _| Ok(())))
 }
 
-/// Stops the survey and waits until every scan has its profile or was announced as skipped; the status after that, which counts everything.
+/// Stops the survey; the status after that, which counts everything.
 pub fn stop(board: &mut Emulator) -> Status {
-    let from = board.link.len();
-    board.command(&Command::Stop).expect("a running board");
-    let limit = Duration::from_secs(60);
-    let stopped = |message: &Message<'_>| matches!(message, Message::Session(Session::Stopped(_))).then_some(());
-    board.link.wait_for(from, limit, stopped).expect("the survey stops");
-    let scans = board.link.collect(|message| matches!(message, Message::Scan(_)).then_some(())).len();
-    let mut profiles = 0;
-    let last = |message: &Message<'_>| {
-        profiles += usize::from(matches!(message, Message::Profile(_) | Message::Skip(Skip::Scan(_))));
-        (profiles == scans).then_some(())
-    };
-    let (at, ()) = board.link.wait_for(0, limit, last).expect("a profile or a reason for every scan");
-    let status = |message: &Message<'_>| if let Message::Status(status) = message { Some(*status) } else { None };
-    board.link.wait_for(at, limit, status).expect("a status").1
+    board.stop(Duration::from_secs(60)).expect("the survey stops")
 }
 
 /// What the board has told in words, and when.
