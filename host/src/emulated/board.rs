@@ -30,6 +30,9 @@ const CAPTURED: u8 = 0xa5;
 /// while the host is busy elsewhere, so that a loaded machine makes a test slower but loses no byte.
 const TIME: [&str; 2] = ["-icount", "shift=3"];
 
+/// Waits shorter than this are slept.
+const TICK: Duration = Duration::from_millis(10);
+
 /// How long QEMU may take to start and connect.
 const START_LIMIT: Duration = Duration::from_secs(20);
 
@@ -258,9 +261,17 @@ impl SensorEnd {
     /// # Errors
     /// When QEMU has gone.
     pub fn receive(&mut self, patience: Duration) -> io::Result<Vec<u8>> {
-        self.stream.set_read_timeout(Some(patience.max(Duration::from_millis(1))))?;
+        // The system rounds the patience of a read up to its tick, which may be 10 ms: short waits are slept.
+        let short = patience < TICK;
+        if short {
+            std::thread::sleep(patience);
+        }
+        self.stream.set_nonblocking(short)?;
+        self.stream.set_read_timeout(Some(patience.max(TICK)))?;
         let mut bytes = vec![0; 1024];
-        match self.stream.read(&mut bytes) {
+        let read = self.stream.read(&mut bytes);
+        self.stream.set_nonblocking(false)?;
+        match read {
             Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),
             Ok(count) => {
                 bytes.truncate(count);
@@ -269,14 +280,6 @@ impl SensorEnd {
             Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => Ok(Vec::new()),
             Err(error) => Err(error),
         }
-    }
-
-    /// A second handle to the same line, for a thread that only sends.
-    ///
-    /// # Errors
-    /// When the system has no more handles.
-    pub fn split(&self) -> io::Result<Self> {
-        Ok(Self { stream: self.stream.try_clone()? })
     }
 }
 

@@ -53,15 +53,17 @@ impl Emulator {
         for step in steps {
             let first_ns = *first_ns.get_or_insert(step.device_time_ns());
             let due_us = step.device_time_ns().saturating_sub(first_ns) / 1_000;
-            while clock.now_us() < due_us {
+            // Never early: the board itself has said that the time has come.
+            while clock.us < due_us {
                 if interrupt::requested() {
                     return Err(io::ErrorKind::Interrupted.into());
                 }
                 if begun.elapsed() > PATIENCE + 10 * Duration::from_micros(due_us) {
                     return Err(io::Error::new(io::ErrorKind::TimedOut, "the board's clock hardly moves"));
                 }
-                self.answer(scanner, Duration::from_micros(due_us.saturating_sub(clock.now_us()).clamp(100, 5_000)))?;
-                if clock.read.elapsed() > LOOK {
+                let left_us = due_us.saturating_sub(clock.now_us());
+                self.answer(scanner, Duration::from_micros(left_us.clamp(50, 5_000)))?;
+                if left_us <= 5_000 || clock.read.elapsed() > LOOK {
                     clock.advance(self.monitor.counter()?);
                 }
             }

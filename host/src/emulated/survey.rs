@@ -154,7 +154,7 @@ impl Emulator {
         let from = self.link.len();
         self.command(&Command::Stop)?;
         let stopped = |message: &Message<'_>| matches!(message, Message::Session(Session::Stopped(_))).then_some(());
-        self.link.wait_for(from, limit, stopped).ok_or_else(|| late("end of the survey"))?;
+        let (stopped, ()) = self.link.wait_for(from, limit, stopped).ok_or_else(|| late("end of the survey"))?;
         let scans = self.link.collect(|message| matches!(message, Message::Scan(_)).then_some(())).len();
         let mut profiles = 0;
         let last = |message: &Message<'_>| {
@@ -163,7 +163,7 @@ impl Emulator {
         };
         let (at, ()) = self.link.wait_for(0, limit, last).ok_or_else(|| late("profile of the last scan"))?;
         let status = |message: &Message<'_>| if let Message::Status(status) = message { Some(*status) } else { None };
-        self.link.wait_for(at, limit, status).map(|(_, status)| status).ok_or_else(|| late("status"))
+        self.link.wait_for(at.max(stopped), limit, status).map(|(_, status)| status).ok_or_else(|| late("status"))
     }
 }
 

@@ -1,13 +1,16 @@
 //! What the tests of the emulated board share: the example capture at half its rates, and the board's log.
+#![allow(dead_code, reason = "each test file uses its own part")]
 
 use std::path::Path;
 use std::time::Duration;
 
 use crossfall::capture::{self, Channel, Chunk};
 use crossfall::log;
+use crossfall::simulate::scene::Scene;
+use crossfall::simulate::{self, truth};
 use crossfall_core::protocol::DeviceTime;
 use crossfall_core::protocol::message::{Level, Message, Status};
-use crossfall_tests::emulator::{Emulator, Image, Options, Step, every_second, image};
+use crossfall_tests::emulator::{Emulator, Image, Options, Step, every_second, half_the_scans, image};
 use crossfall_tests::lms_emulator::{Mode, Scanner};
 
 /// First bytes of a scan's telegram of 361 values without indices (TL, B0h) and of a short NovAtel header.
@@ -23,6 +26,24 @@ pub fn half_rate_drive(folder: &Path) -> Vec<Chunk> {
     drive.extend(all.iter().filter(|chunk| chunk.channel == Channel::Pps).cloned());
     drive.sort_by_key(|chunk| chunk.device_time_ns);
     drive
+}
+
+/// A simulated drive as the emulator's lines carry it - 18.8 scans and 50 poses a second -, and its truth, a row for each of these scans.
+pub fn simulated_drive(folder: &Path, seconds: f64) -> (Vec<Chunk>, Vec<truth::Row>) {
+    let mut scene = Scene::default();
+    // Indices would say that every second scan is missing.
+    (scene.drive.seconds, scene.ins.rate_hz, scene.scanner.index_bytes) = (seconds, 50, false);
+    let path = folder.join("drive.mcap");
+    let mut writer = capture::Writer::create(&path).expect("a capture");
+    let made = simulate::simulate(&scene, &mut writer, |_| ()).expect("a drive");
+    writer.finish().expect("a capture");
+    let all = capture::Reader::open(&path).expect("the capture").map(|chunk| chunk.expect("whole"));
+    (half_the_scans(all).collect(), made.truth.into_iter().step_by(2).collect())
+}
+
+/// Poses among the inertial unit's frames: all but the time.
+pub fn poses(drive: &[Chunk]) -> usize {
+    drive.iter().filter(|chunk| chunk.channel == Channel::Ins && chunk.data.starts_with(SHORT_HEADER)).count()
 }
 
 /// A board that has been switched on and has brought its scanner up; it is told so with the first scan that is played.
