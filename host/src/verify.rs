@@ -145,7 +145,7 @@ pub fn verify(path: &Path, mut progress: impl FnMut(u64)) -> Result<Report, Erro
     if report.frames == 0 {
         report.note(last, "the log holds no frame".to_owned());
     }
-    report.ok = report.problem_count == 0 && report.profiles_reproduced == report.profiles;
+    report.ok = report.problem_count == 0 && report.profiles_reproduced + replay.joined == report.profiles;
     Ok(report)
 }
 

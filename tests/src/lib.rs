@@ -2,7 +2,7 @@
 #![forbid(unsafe_code)]
 
 pub mod emulator;
-pub mod lms_emulator;
+pub use crossfall::emulated::scanner as lms_emulator;
 
 use std::path::PathBuf;
 

@@ -5,10 +5,14 @@
 //! | `test` | installs what is missing, then format, lints, licences, every test, the board image and the emulated board |
 //! | `setup` | only installs what is missing |
 //! | `list` | names the steps of `test` |
+//! | `soak` | ten minutes of drive through the emulated board |
+//! | `size` | what the image takes of the board's memory |
 #![forbid(unsafe_code)]
 
 mod setup;
 mod shell;
+mod size;
+mod soak_board;
 mod steps;
 
 use std::process::ExitCode;
@@ -21,6 +25,8 @@ cargo xtask COMMAND
                    --long adds what takes long or wants the machine for itself
   setup            install what is missing: ARM target, emulator, cargo-deny
   list             name the steps of `test`
+  soak [SECONDS]   ten minutes of drive through the emulated board: nothing lost, nothing grown
+  size             what the board's image takes of its memory, and its budget
 
 Examples:
   cargo xtask test
@@ -38,6 +44,9 @@ fn main() -> ExitCode {
         ["test", wanted @ ..] => steps::run(wanted),
         ["setup"] => steps::run(&["setup"]),
         ["list"] => steps::list(),
+        ["soak"] => soak_board::run(None),
+        ["soak", seconds] => soak_board::run(Some(seconds)),
+        ["size"] => size::run(),
         [] | ["help" | "--help" | "-h"] => {
             print!("{HELP}");
             ExitCode::SUCCESS
