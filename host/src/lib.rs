@@ -4,6 +4,7 @@
 pub mod accuracy;
 pub mod calibrate;
 pub mod capture;
+pub mod compare;
 pub mod config;
 pub mod container;
 pub mod import;
@@ -14,6 +15,7 @@ pub mod output;
 pub mod plot;
 pub mod profiles;
 pub mod record;
+pub mod reproduce;
 pub mod run;
 pub mod section;
 pub mod simulate;
