@@ -31,7 +31,6 @@ pub struct Found {
 /// Finds and measures the slope that is `wanted`, from sample `from` on, which is `start` outward; keeps what its residuals say about the noise.
 pub fn measure(
     samples: &mut [Sample],
-
     (from, start): (usize, i32),
     wanted: &Wanted,
     noise: &mut Noise,
@@ -42,14 +41,13 @@ pub fn measure(
         return None;
     }
     let part = beyond.get_mut(run.first..=run.last)?;
-    let mut found = refit::<1>(part, &line, noise)?;
-    // What the residuals say of the roughness decides which of them count: once more, and again on the run that results.
+    let found = refit(part, &line, noise)?;
+    // What the residuals say of the roughness decides which of them count: once more on the run that results.
     *noise = roughened(noise, &found, part);
-    found = refit::<1>(part, &found.line, noise)?;
-    *noise = roughened(noise, &found, part);
-    run = search::run(beyond, &found.line, wanted, noise);
+    let shift = weigh(beyond, 1, noise, found.line.slope_q14());
+    run = search::run(beyond, (run.first + run.last) / 2, &found.line, wanted.obstruction, shift);
     let part = beyond.get_mut(run.first..=run.last)?;
-    let fit = refit::<1>(part, &found.line, noise)?;
+    let fit = refit(part, &found.line, noise)?;
     *noise = roughened(noise, &fit, part);
     let run = Run { first: run.first + from, last: run.last + from, score: run.score };
     Some(Found { fit, run })
@@ -58,11 +56,11 @@ pub fn measure(
 impl Found {
     /// Fits again over the samples between two places: the ends of a run lean on its own residuals, those of the hinges
     /// do not, so that no sample is chosen for lying where the line wants it.
-    pub fn settle<const STEPS: usize>(&mut self, samples: &mut [Sample], start: &Place, end: &Place, noise: &Noise) {
+    pub fn settle(&mut self, samples: &mut [Sample], start: &Place, end: &Place, noise: &Noise) {
         let first = inward_of(samples, self.fit.line.place_at(start.u));
         let past = inward_of(samples, self.fit.line.place_at(end.u));
         let Some(part) = samples.get_mut(first..past) else { return };
-        if let Some(fit) = refit::<STEPS>(part, &self.fit.line, noise)
+        if let Some(fit) = refit(part, &self.fit.line, noise)
             && fit.count >= LEAST_SAMPLES.min(self.fit.count)
         {
             self.fit = fit;
@@ -70,14 +68,10 @@ impl Found {
     }
 }
 
-/// Reweighted steps with weights of the present noise.
-fn refit<const STEPS: usize>(part: &mut [Sample], line: &Line, noise: &Noise) -> Option<Fit> {
+/// A step with weights of the present noise.
+fn refit(part: &mut [Sample], line: &Line, noise: &Noise) -> Option<Fit> {
     let shift = weigh(part, 1, noise, line.slope_q14());
-    let mut fitted = fit(part, 1, line, shift)?;
-    for _ in 1..STEPS {
-        fitted = fit(part, 1, &fitted.line, shift)?;
-    }
-    Some(fitted)
+    fit(part, 1, line, shift)
 }
 
 /// The noise with a roughness that explains the residuals of a fit.
