@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 pub mod emulator;
+pub mod fuzzing;
 pub mod lms_emulator;
 
 use std::path::PathBuf;

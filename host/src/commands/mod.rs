@@ -10,6 +10,7 @@ mod plot;
 mod profiles;
 mod progress;
 mod record;
+mod recover;
 mod reproduce;
 mod reproduce_terrain;
 mod risk;
@@ -50,6 +51,7 @@ pub enum Command {
     Import(import::Args),
     Run(run::Args),
     Record(record::Args),
+    Recover(recover::Args),
     Verify(verify::Args),
     Profiles(profiles::Args),
     Calibrate(calibrate::Args),
@@ -84,6 +86,7 @@ impl Command {
             Self::Import(args) => import::run(&args),
             Self::Run(args) => run::run(&args),
             Self::Record(args) => record::run(&args),
+            Self::Recover(args) => recover::run(&args),
             Self::Verify(args) => verify::run(&args),
             Self::Profiles(args) => profiles::run(&args),
             Self::Calibrate(args) => calibrate::run(&args),

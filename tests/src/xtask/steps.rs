@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 use std::time::Instant;
 
+use crate::fuzz;
 use crate::setup;
 use crate::shell::{self, Tally};
 
@@ -17,6 +18,7 @@ const STEPS: &[Step] = &[
     ("lint", "clippy without a warning", lint),
     ("licences", "licences, bans and sources of every dependency", licences),
     ("unit", "every test of the workspace, recordings and emulated board included", unit),
+    ("fuzz", "with --long: libFuzzer over every target, a minute each", fuzz::step),
 ];
 
 fn lint(tally: &mut Tally) -> Result<(), String> {
