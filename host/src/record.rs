@@ -13,6 +13,7 @@ mod buffer;
 mod device;
 mod link;
 mod reader;
+pub mod space;
 
 use std::fmt;
 use std::sync::Arc;
@@ -130,6 +131,10 @@ pub struct Summary {
     pub disconnected: bool,
     /// The board's last status: every counter.
     pub status: Status,
+    /// Bytes on the disk, in all files of the log.
+    pub log_bytes: u64,
+    /// Files of the log.
+    pub parts: u32,
 }
 
 impl Summary {
@@ -195,6 +200,7 @@ pub fn record(
             notice(Notice::Silent);
         }
         summary.seconds = clock.started.elapsed().as_secs_f64();
+        (summary.log_bytes, summary.parts) = (log.bytes(), log.parts());
         if stopped.is_none() && !goes_on(&summary) {
             stopped = Some(Instant::now());
             buffer.stop();

@@ -12,6 +12,7 @@ mod profiles;
 mod progress;
 mod record;
 mod replay;
+mod recover;
 mod reproduce;
 mod reproduce_terrain;
 mod risk;
@@ -53,6 +54,7 @@ pub enum Command {
     Run(run::Args),
     Record(record::Args),
     Replay(replay::Args),
+    Recover(recover::Args),
     Verify(verify::Args),
     Profiles(profiles::Args),
     Calibrate(calibrate::Args),
@@ -89,6 +91,7 @@ impl Command {
             Self::Run(args) => run::run(&args),
             Self::Record(args) => record::run(&args),
             Self::Replay(args) => replay::run(&args),
+            Self::Recover(args) => recover::run(&args),
             Self::Verify(args) => verify::run(&args),
             Self::Profiles(args) => profiles::run(&args),
             Self::Calibrate(args) => calibrate::run(&args),
