@@ -97,7 +97,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
 
     let mut table = Output::create(&file("profiles.csv"))?;
-    write_csv(&mut Rows::open(&log_path)?, &mut table, |_| ()).context("profiles.csv")?;
+    write_csv(&mut Rows::open(&log_path)?, &mut table).context("profiles.csv")?;
     table.commit()?;
     let rows: Vec<Row> = Rows::open(&log_path)?.collect();
     let accuracy = hold_against(&rows, &made.truth);
