@@ -294,7 +294,7 @@ fn escaped(name: &str) -> String {
 }
 
 /// The date in UTC of a second of a GPS week, by Hinnant's `civil_from_days`.
-fn date(week: u16, seconds: u64) -> String {
+pub(crate) fn date(week: u16, seconds: u64) -> String {
     // 1980-01-06 is day 3657 since 1970-01-01.
     let days = 3_657 + (u64::from(week) * 604_800 + seconds).saturating_sub(LEAP_S) / 86_400;
     let shifted = days + 719_468;

@@ -125,23 +125,22 @@ impl Utm {
         let step = [(north[0] - origin[0]) / REACH_M, (north[1] - origin[1]) / REACH_M];
         Ok(Patch { origin, north: step })
     }
+}
 
-    /// The coordinate system in words that GIS programs read (OGC WKT 1).
-    #[must_use]
-    pub fn wkt(&self) -> String {
-        let meridian = i32::from(self.zone) * 6 - 183;
-        let (letter, false_northing) = if self.south { ("S", 10_000_000) } else { ("N", 0) };
-        format!(
-            "PROJCS[\"WGS 84 / UTM zone {zone}{letter}\",GEOGCS[\"WGS 84\",DATUM[\"WGS_1984\",SPHEROID[\"WGS 84\",6378137,298.257223563,\
-             AUTHORITY[\"EPSG\",\"7030\"]],AUTHORITY[\"EPSG\",\"6326\"]],PRIMEM[\"Greenwich\",0,AUTHORITY[\"EPSG\",\"8901\"]],\
-             UNIT[\"degree\",0.0174532925199433,AUTHORITY[\"EPSG\",\"9122\"]],AUTHORITY[\"EPSG\",\"4326\"]],\
-             PROJECTION[\"Transverse_Mercator\"],PARAMETER[\"latitude_of_origin\",0],PARAMETER[\"central_meridian\",{meridian}],\
-             PARAMETER[\"scale_factor\",0.9996],PARAMETER[\"false_easting\",500000],PARAMETER[\"false_northing\",{false_northing}],\
-             UNIT[\"metre\",1,AUTHORITY[\"EPSG\",\"9001\"]],AXIS[\"Easting\",EAST],AXIS[\"Northing\",NORTH],AUTHORITY[\"EPSG\",\"{epsg}\"]]",
-            zone = self.zone,
-            epsg = self.epsg(),
-        )
-    }
+/// A zone's coordinate system in words that GIS programs read (OGC WKT 1), by its EPSG code.
+#[must_use]
+pub fn wkt(epsg: u16) -> String {
+    let zone = epsg % 100;
+    let meridian = i32::from(zone) * 6 - 183;
+    let (letter, false_northing) = if epsg >= 32_700 { ("S", 10_000_000) } else { ("N", 0) };
+    format!(
+        "PROJCS[\"WGS 84 / UTM zone {zone}{letter}\",GEOGCS[\"WGS 84\",DATUM[\"WGS_1984\",SPHEROID[\"WGS 84\",6378137,298.257223563,\
+         AUTHORITY[\"EPSG\",\"7030\"]],AUTHORITY[\"EPSG\",\"6326\"]],PRIMEM[\"Greenwich\",0,AUTHORITY[\"EPSG\",\"8901\"]],\
+         UNIT[\"degree\",0.0174532925199433,AUTHORITY[\"EPSG\",\"9122\"]],AUTHORITY[\"EPSG\",\"4326\"]],\
+         PROJECTION[\"Transverse_Mercator\"],PARAMETER[\"latitude_of_origin\",0],PARAMETER[\"central_meridian\",{meridian}],\
+         PARAMETER[\"scale_factor\",0.9996],PARAMETER[\"false_easting\",500000],PARAMETER[\"false_northing\",{false_northing}],\
+         UNIT[\"metre\",1,AUTHORITY[\"EPSG\",\"9001\"]],AXIS[\"Easting\",EAST],AXIS[\"Northing\",NORTH],AUTHORITY[\"EPSG\",\"{epsg}\"]]"
+    )
 }
 
 /// The map near one place, as a plane: exact to a tenth of a millimetre within a hundred metres.

@@ -185,6 +185,12 @@ impl Record for Row {
     }
 }
 
+/// The two rows of a profile, left before right.
+#[must_use]
+pub fn sides(profile: &Profile, position: Position) -> [Row; 2] {
+    [Row::of(profile, &profile.left, true, position), Row::of(profile, &profile.right, false, position)]
+}
+
 fn position_flags(position: &Position) -> u16 {
     let mut flags = 0;
     if position.geodetic.is_none() {
@@ -261,9 +267,7 @@ impl Iterator for Rows {
                 Message::Clock(clock) => self.track.clock(&clock),
                 Message::Config(config) => self.track.configure(&config),
                 Message::Profile(profile) => {
-                    let position = self.track.at(profile.time);
-                    self.ready.push_back(Row::of(&profile, &profile.left, true, position));
-                    self.ready.push_back(Row::of(&profile, &profile.right, false, position));
+                    self.ready.extend(sides(&profile, self.track.at(profile.time)));
                 }
                 _ => {}
             }

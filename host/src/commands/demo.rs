@@ -10,11 +10,12 @@ use std::time::Instant;
 use anyhow::Context;
 use crossfall::accuracy::{Accuracy, hold_against};
 use crossfall::capture::{Reader, Writer};
+use crossfall::drive::Drive;
 use crossfall::output::Output;
 use crossfall::profiles::{Row, Rows, write_csv};
 use crossfall::simulate::scene::Mode;
 use crossfall::simulate::{self, truth};
-use crossfall::{log, output, verify};
+use crossfall::{log, output, report, verify};
 
 use super::progress::Progress;
 use super::{Outcome, plot, say, say_json, tell};
@@ -102,9 +103,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let rows: Vec<Row> = Rows::open(&log_path)?.collect();
     let accuracy = hold_against(&rows, &made.truth);
     let along_road = scene.sections.mode != Mode::RandomPerScan;
-    draw(args, &rows, if along_road { &made.truth } else { &[] }, &log_path)?;
+    draw(args, if along_road { &made.truth } else { &[] }, &log_path)?;
     tell!(
-        "made       {}: drive.mcap, drive.log.mcap, truth.csv, profiles.csv, section-*.svg, slopes.svg",
+        "made       {}: drive.mcap, drive.log.mcap, truth.csv, profiles.csv, section-*.svg, slopes.svg, report.html",
         folder.display()
     );
 
@@ -131,7 +132,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::lost_if(!whole))
 }
 
-fn draw(args: &Args, rows: &[Row], truth: &[truth::Row], log: &Path) -> anyhow::Result<()> {
+fn draw(args: &Args, truth: &[truth::Row], log: &Path) -> anyhow::Result<()> {
     // Sections of a drive vary along the road and can be drawn over it; independent ones cannot.
     let start = truth.first().map_or(0.0, |row| row.station_m);
     let along = |slope: fn(&truth::Row) -> f64| truth.iter().map(|row| (row.station_m - start, slope(row))).collect();
@@ -148,11 +149,14 @@ fn draw(args: &Args, rows: &[Row], truth: &[truth::Row], log: &Path) -> anyhow::
             fs::remove_file(entry.path())?;
         }
     }
-    plot::slopes(rows, &truth, args.theme.into(), &args.output)?;
-    if !rows.is_empty() {
-        plot::one_section(log, plot::typical(rows), args.theme.into(), &args.output)?;
+    let drive = Drive::read(log, |_| ())?;
+    let canvas = plot::Canvas { folder: &args.output, format: plot::Format::Svg, theme: args.theme.into() };
+    plot::slopes(&canvas, std::slice::from_ref(&drive), &[], &truth)?;
+    if !drive.scans.is_empty() {
+        plot::one_section(&canvas, log, plot::typical(&drive), &mut Vec::new())?;
     }
-    Ok(())
+    let page = report::page(&drive, "A simulated drive");
+    Ok(output::write(&args.output.join("report.html"), page.as_bytes())?)
 }
 
 /// The table for people.

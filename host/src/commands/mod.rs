@@ -1,15 +1,18 @@
 //! One file a subcommand; its first comment is its manual.
 
 mod calibrate;
+mod cloud;
 mod completions;
 mod config;
 mod demo;
+mod export;
 mod import;
 mod info;
 mod plot;
 mod profiles;
 mod progress;
 mod record;
+mod report;
 mod reproduce;
 mod reproduce_terrain;
 mod risk;
@@ -54,6 +57,9 @@ pub enum Command {
     Profiles(profiles::Args),
     Calibrate(calibrate::Args),
     Plot(plot::Args),
+    Cloud(cloud::Args),
+    Report(report::Args),
+    Export(export::Args),
     Risk(risk::Args),
     Reproduce(reproduce::Args),
     Info(info::Args),
@@ -88,6 +94,9 @@ impl Command {
             Self::Profiles(args) => profiles::run(&args),
             Self::Calibrate(args) => calibrate::run(&args),
             Self::Plot(args) => plot::run(&args),
+            Self::Cloud(args) => cloud::run(&args),
+            Self::Report(args) => report::run(&args),
+            Self::Export(args) => export::run(&args),
             Self::Risk(args) => risk::run(&args),
             Self::Reproduce(args) => reproduce::run(&args),
             Self::Info(args) => info::run(&args),
