@@ -2,9 +2,11 @@
 
 mod calibrate;
 mod compare;
+mod cloud;
 mod completions;
 mod config;
 mod demo;
+mod export;
 mod import;
 mod info;
 mod plot;
@@ -13,6 +15,7 @@ mod progress;
 mod record;
 mod replay;
 mod recover;
+mod report;
 mod reproduce;
 mod reproduce_terrain;
 mod risk;
@@ -60,6 +63,9 @@ pub enum Command {
     Calibrate(calibrate::Args),
     Compare(compare::Args),
     Plot(plot::Args),
+    Cloud(cloud::Args),
+    Report(report::Args),
+    Export(export::Args),
     Risk(risk::Args),
     Reproduce(reproduce::Args),
     Info(info::Args),
@@ -97,6 +103,9 @@ impl Command {
             Self::Calibrate(args) => calibrate::run(&args),
             Self::Compare(args) => compare::run(&args),
             Self::Plot(args) => plot::run(&args),
+            Self::Cloud(args) => cloud::run(&args),
+            Self::Report(args) => report::run(&args),
+            Self::Export(args) => export::run(&args),
             Self::Risk(args) => risk::run(&args),
             Self::Reproduce(args) => reproduce::run(&args),
             Self::Info(args) => info::run(&args),
