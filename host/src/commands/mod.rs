@@ -6,6 +6,7 @@ mod config;
 mod demo;
 mod import;
 mod info;
+mod monitor;
 mod plot;
 mod profiles;
 mod progress;
@@ -14,6 +15,7 @@ mod reproduce;
 mod reproduce_terrain;
 mod risk;
 mod run;
+mod serve;
 mod simulate;
 mod terrain_scene;
 mod verify;
@@ -50,6 +52,8 @@ pub enum Command {
     Import(import::Args),
     Run(run::Args),
     Record(record::Args),
+    Serve(serve::Args),
+    Monitor(monitor::Args),
     Verify(verify::Args),
     Profiles(profiles::Args),
     Calibrate(calibrate::Args),
@@ -84,6 +88,8 @@ impl Command {
             Self::Import(args) => import::run(&args),
             Self::Run(args) => run::run(&args),
             Self::Record(args) => record::run(&args),
+            Self::Serve(args) => serve::run(&args),
+            Self::Monitor(args) => monitor::run(&args),
             Self::Verify(args) => verify::run(&args),
             Self::Profiles(args) => profiles::run(&args),
             Self::Calibrate(args) => calibrate::run(&args),

@@ -19,7 +19,7 @@ cargo xtask COMMAND
   test [--long] [STEP...]
                    install what is missing, then run every check (or only the steps named);
                    --long adds what takes long or wants the machine for itself
-  setup            install what is missing: ARM target, emulator, cargo-deny
+  setup            install what is missing: ARM target, emulator, browser, cargo-deny
   list             name the steps of `test`
 
 Examples:
