@@ -2,14 +2,14 @@
 //!
 //! y = -r cos(theta + roll + offset), z = -r sin(theta + roll + offset), in micrometres with the sensor at the origin.
 //! A scanner mounted the other way round looks at 180 degrees - theta instead of theta. Errors: the direction is good
-//! to 1.3e-9 (`trig`), the product is rounded to nearest: below 0.6 micrometres at 32 m.
+//! to 3e-8 (`sweep`), the product is rounded to nearest: below 1.5 micrometres at 32 m.
 
-use crossfall_protocol::Angle;
 use crossfall_protocol::config::Scanner;
 use heapless::Vec;
 
+use super::sweep::Sweep;
 use super::{MAX_BEAMS, RawScan, RollTrack};
-use crate::trig::{self, Direction};
+use crate::trig::Direction;
 
 /// A place in the levelled section: `y_um` to the left of the sensor, `z_um` above it.
 ///
@@ -43,13 +43,11 @@ pub type Points = Vec<Echo, MAX_BEAMS>;
 pub fn level(scan: &RawScan, track: &RollTrack, scanner: &Scanner, points: &mut Points) {
     points.clear();
     let unit_um = scan.unit_um();
-    let ranges = scan.ranges();
-    for place in 0..ranges.len() {
-        let beam = if scanner.mirrored { ranges.len() - 1 - place } else { place };
-        let Some(units) = ranges.get(beam).and_then(|value| range_units(scan.mode.measuring, *value)) else { continue };
-        let theta = beam_angle(scan, beam);
-        let seen = if scanner.mirrored { Angle(i32::MIN) - theta } else { theta };
-        let direction = trig::direction(seen + track.roll(scan, beam) + scanner.mounting_offset);
+    let mask = range_mask(scan.mode.measuring);
+    let mut sweep = Sweep::new(scan, track, scanner);
+    for (beam, value) in scan.ranges().iter().enumerate() {
+        let direction = sweep.advance();
+        let Some(units) = range_units(mask, *value) else { continue };
         let echo = Echo {
             point: place_at(i32::from(units) * unit_um, direction),
             beam: beam as u16,
@@ -59,14 +57,9 @@ pub fn level(scan: &RawScan, track: &RollTrack, scanner: &Scanner, points: &mut 
         // Never full: a scan has at most as many beams as `points` has places.
         let _ = points.push(echo);
     }
-}
-
-/// [`RawScan::beam_angle`] by a product instead of a 64-bit division: 2^32 / 36000 a hundredth of a degree, to nearest.
-fn beam_angle(scan: &RawScan, beam: usize) -> Angle {
-    const PER_CDEG_Q22: u64 = 500_399_958_596;
-    // At most 14,000 + 401 x 100 hundredths: below 2^55.
-    let turned = (u64::from(scan.beam_cdeg(beam)) * PER_CDEG_Q22 + (1 << 21)) >> 22;
-    Angle(turned as u32 as i32)
+    if scanner.mirrored {
+        points.reverse();
+    }
 }
 
 /// The point at a range (below 2^29) in a direction, rounded to the nearest micrometre.
@@ -75,24 +68,29 @@ fn place_at(range_um: i32, direction: Direction) -> Point {
     Point { y_um: scaled(direction.cos_q30), z_um: scaled(direction.sin_q30) }
 }
 
-/// The range in a value, in units of the scan, or nothing for the special values at the top of each mode's scale
-/// (TL, measuring modes: no stop signal, dazzle, overflow, low signal, channel error, beyond maximum) and for zero.
-fn range_units(measuring: u8, value: u16) -> Option<u16> {
-    let mask = match measuring {
+/// The bits of a value that hold the range (TL, measuring modes).
+fn range_mask(measuring: u8) -> u16 {
+    match measuring {
         0..=2 => 0x1fff,
         3 | 4 => 0x3fff,
         _ => 0x7fff,
-    };
+    }
+}
+
+/// The range in a value, in units of the scan, or nothing for the special values at the top of each mode's scale
+/// (TL, measuring modes: no stop signal, dazzle, overflow, low signal, channel error, beyond maximum) and for zero.
+fn range_units(mask: u16, value: u16) -> Option<u16> {
     let range = value & mask;
     (range != 0 && range < mask - 8).then_some(range)
 }
 
 #[cfg(test)]
 mod tests {
-    use crossfall_protocol::DeviceTime;
     use crossfall_protocol::message::ScanMode;
+    use crossfall_protocol::{Angle, DeviceTime};
 
     use super::*;
+    use crate::trig;
 
     fn scan(values: impl Fn(usize) -> u16) -> RawScan {
         let mut scan = RawScan {
@@ -143,8 +141,8 @@ mod tests {
                 let theta = (if mirrored { 180.0 - theta } else { theta }) / 180.0 * core::f64::consts::PI;
                 let (sin, cos) = libm::sincos(theta + radians(track.roll(&scan, beam)) + radians(offset));
                 let range_um = (1_000.0 + 80.0 * beam as f64) * 1e3;
-                assert!((f64::from(echo.point.y_um) + range_um * cos).abs() < 0.6, "y of beam {beam}");
-                assert!((f64::from(echo.point.z_um) + range_um * sin).abs() < 0.6, "z of beam {beam}");
+                assert!((f64::from(echo.point.y_um) + range_um * cos).abs() < 1.5, "y of beam {beam}");
+                assert!((f64::from(echo.point.z_um) + range_um * sin).abs() < 1.5, "z of beam {beam}");
                 assert!((f64::from(echo.cos_q14) - cos * 16_384.0).abs() < 1.1, "cosine of beam {beam}");
             }
         }
@@ -153,12 +151,21 @@ mod tests {
     #[test]
     fn beam_angles_are_those_of_the_scan() {
         let mut scan = scan(|_| 1_000);
+        let track = RollTrack::constant(Angle::ZERO);
         for (span_deg, step_cdeg, layout) in [(180, 50, 361), (180, 100, 181), (100, 25, 401), (180, 50, 181 | 3 << 12)]
         {
             scan.mode.span_deg = span_deg;
             scan.mode.step_cdeg = step_cdeg;
             scan.layout = layout;
-            assert!((0..scan.beams()).all(|beam| beam_angle(&scan, beam) == scan.beam_angle(beam)), "{step_cdeg}");
+            scan.values = [1_000; MAX_BEAMS];
+            let points = levelled(&scan, &track, &Scanner::default());
+            assert_eq!(points.len(), scan.beams());
+            for echo in &points {
+                let direction = trig::direction(scan.beam_angle(usize::from(echo.beam)));
+                let exact = place_at(scan.unit_um() * 1_000, direction);
+                let apart = (echo.point.y_um - exact.y_um).abs().max((echo.point.z_um - exact.z_um).abs());
+                assert!(apart <= 1, "beam {} of {step_cdeg}", echo.beam);
+            }
         }
     }
 
@@ -167,7 +174,11 @@ mod tests {
         let points = levelled(&scan(|i| 1_000 + i as u16), &RollTrack::constant(Angle::ZERO), &Scanner::default());
         let scanner = Scanner { mirrored: true, ..Scanner::default() };
         let mirrored = levelled(&scan(|i| 1_360 - i as u16), &RollTrack::constant(Angle::ZERO), &scanner);
-        assert!(points.iter().map(|e| e.point).eq(mirrored.iter().map(|e| e.point)));
+        assert_eq!(points.len(), mirrored.len());
+        for (a, b) in points.iter().zip(&mirrored) {
+            let apart = a.point.y_um.abs_diff(b.point.y_um).max(a.point.z_um.abs_diff(b.point.z_um));
+            assert!(apart <= 1, "{a:?} and {b:?}");
+        }
     }
 
     #[test]

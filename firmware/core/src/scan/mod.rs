@@ -4,6 +4,7 @@ mod level;
 mod raw;
 pub mod resample;
 mod roll_track;
+mod sweep;
 
 pub use level::{Echo, Point, Points, level};
 pub use raw::{MAX_BEAMS, RawScan, TURN_US};

@@ -53,6 +53,24 @@ impl RollTrack {
         let part = step.rem_euclid(span) * rest / span;
         Angle(a.0.wrapping_add(whole).wrapping_add(part))
     }
+
+    /// What roll gains from value `i` to the next of its turn, to the nearest unit, and how many more of that turn lie before the next knot
+    /// (beyond the last knot: all).
+    #[must_use]
+    pub fn slope(&self, scan: &RawScan, i: usize) -> (Angle, usize) {
+        let turns = scan.turns();
+        let (turn, place) = (i % turns, i / turns);
+        let span = usize::from(scan.mode.span_deg).max(1);
+        let scaled = place * (KNOTS - 1);
+        let knot = (scaled / span).min(KNOTS - 2);
+        let (a, b) = (self.knots[turn & (MAX_TURNS - 1)][knot], self.knots[turn & (MAX_TURNS - 1)][knot + 1]);
+        // As in `roll`, with a rest of 16.
+        let (step, intervals, degrees) = ((b - a).0, KNOTS as i32 - 1, span as i32);
+        let whole = step.div_euclid(degrees).wrapping_mul(intervals);
+        let gain = whole.wrapping_add((step.rem_euclid(degrees) * intervals + degrees / 2) / degrees);
+        let left = if knot == KNOTS - 2 { usize::MAX } else { ((knot + 1) * span - scaled - 1) / (KNOTS - 1) };
+        (Angle(gain), left)
+    }
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use crossfall_protocol::message::{Hinge, flags};
 
-use super::line::{Fit, Line, fit, weigh};
+use super::line::{Fit, Line, fit, ratio, weigh};
 use super::magnitude::Magnitude;
 use super::sample::{GRAIN_BITS, Noise, Outward, Sample, inward_of, millimetres};
 use super::slope::Found;
@@ -75,33 +75,49 @@ pub fn rounded(samples: &[Sample], place: &Place, inner: &Line, outer: &Line, no
 /// How far from a hinge its rounding is looked for.
 const ROUNDING_REACH: i32 = millimetres(400);
 
-/// The outer end of a slope after which no other slope was found.
-pub fn end(samples: &mut [Sample], slope: &Found, noise: &Noise) -> Place {
-    let Some(last) = samples.get(slope.run.last).copied() else { return Place::default() };
+/// The ground beyond the outer end of a slope.
+pub fn ground_beyond(samples: &mut [Sample], slope: &Found, noise: &Noise) -> Option<Ground> {
     let beyond = samples.get_mut(slope.run.last + 1..).unwrap_or_default();
     let near = beyond.len().min(NEIGHBOURS);
+    level(beyond.get_mut(..near).unwrap_or_default(), noise)
+}
+
+/// The ground between two slopes.
+pub fn ground_between(samples: &mut [Sample], inner: &Found, outer: &Found, noise: &Noise) -> Option<Ground> {
+    level(samples.get_mut(inner.run.last + 1..outer.run.first).unwrap_or_default(), noise)
+}
+
+/// The outer end of a slope after which no other slope was found.
+pub fn end(samples: &[Sample], slope: &Found, ground: &Option<Ground>, noise: &Noise) -> Place {
+    let Some(last) = samples.get(slope.run.last).copied() else { return Place::default() };
+    let beyond = samples.get(slope.run.last + 1..).unwrap_or_default();
     let Some(next) = beyond.iter().map(|s| s.u).find(|u| *u > last.u) else {
         return Place { u: last.u, half: 0, departure: last.u, seen: false };
     };
-    let ground = level(beyond.get_mut(..near).unwrap_or_default(), noise);
     // Past the top of a rising slope vegetation on the level ground may pass for slope: up to two samples of it.
     let back = if slope.fit.line.slope_q30 > 0 { 2 } else { 0 };
     let inner = samples.get(slope.run.last.saturating_sub(back)).unwrap_or(&last);
-    let met = ground.and_then(|ground| between(&slope.fit, &ground.fit, noise, inner, ground.first));
+    let met = ground.as_ref().and_then(|ground| between(&slope.fit, &ground.fit, noise, inner, ground.first));
     met.unwrap_or_else(|| gap(last.u, next)).departing(next)
 }
 
 /// The ends of two slopes that face each other across a ditch: the foot of the first and of the second.
-pub fn across(samples: &mut [Sample], inner: &Found, outer: &Found, noise: &Noise) -> (Place, Place) {
+pub fn across(
+    samples: &[Sample],
+    inner: &Found,
+    outer: &Found,
+    ground: &Option<Ground>,
+    noise: &Noise,
+) -> (Place, Place) {
     let (Some(last), Some(first)) = (samples.get(inner.run.last).copied(), samples.get(outer.run.first).copied())
     else {
         return Default::default();
     };
-    let floor = samples.get_mut(inner.run.last + 1..outer.run.first).unwrap_or_default();
+    let floor = samples.get(inner.run.last + 1..outer.run.first).unwrap_or_default();
     let inside = |u: &i32| (last.u + 1..first.u).contains(u);
     let next = floor.iter().map(|s| s.u).find(inside).unwrap_or(first.u);
     let previous = floor.iter().rev().map(|s| s.u).find(inside).unwrap_or(last.u);
-    if let Some(ground) = level(floor, noise) {
+    if let Some(ground) = ground {
         let foot = between(&inner.fit, &ground.fit, noise, &last, ground.first);
         let start = between(&outer.fit, &ground.fit, noise, &last, first.u);
         if let (Some(foot), Some(start)) = (foot, start)
@@ -135,40 +151,40 @@ fn gap(last: i32, next: i32) -> Place {
 }
 
 /// Level ground beside a slope.
-struct Ground {
+pub struct Ground {
     fit: Fit,
     /// Distance of the innermost sample on it.
     first: i32,
 }
 
-/// How well a sample fits ground through `line`: 256 on it, nothing from 3 sigma and a quarter of a degree of tilt on.
-fn on_level(line: &Line, sample: &Sample, noise: &Noise) -> Option<u32> {
-    let e = line.residual(sample).unsigned_abs();
-    let tilt = (sample.u.abs_diff(line.u) >> 8).min(1 << 10);
-    // At most 9 x 2^28: fits 32 bits.
-    let limit = 9 * noise.variance(sample, 0) + tilt * tilt;
-    (e < 1 << 14 && e * e < limit).then(|| 256 - e * e / (limit >> 8).max(1))
+/// How well a weighed sample fits level ground at a place: 288 on it, nothing from 3 sigma beyond a quarter of a degree of tilt on.
+fn on_level((u, z): (i32, i32), sample: &Sample, shift: u32) -> Option<u32> {
+    let tilt = (sample.u.abs_diff(u) >> 8).min(1 << 10);
+    let e = sample.z.abs_diff(z).min((1 << 15) - 1);
+    // At most 9 variances beyond the tilt's square: the rest of a residual whose square is less the tilt's.
+    let rest = (e * e).saturating_sub(tilt * tilt);
+    288u32.checked_sub(ratio::<5>(sample, rest, shift)).filter(|score| *score > 0)
 }
 
 /// The ground beside a slope: level through the samples that agree best, then fitted where there are enough.
 fn level(samples: &mut [Sample], noise: &Noise) -> Option<Ground> {
     let shift = weigh(samples, 1, noise, 0);
-    let mut best: Option<(u32, Line)> = None;
+    let mut best: Option<(u32, (i32, i32))> = None;
     for candidate in samples.iter() {
-        let line = Line { u: candidate.u, z: candidate.z, slope_q30: 0 };
-        let score = samples.iter().filter_map(|s| on_level(&line, s, noise)).sum();
-        if best.is_none_or(|(most, lowest)| score > most || score == most && line.z < lowest.z) {
-            best = Some((score, line));
+        let place = (candidate.u, candidate.z);
+        let score = samples.iter().filter_map(|s| on_level(place, s, shift)).sum();
+        if best.is_none_or(|(most, (_, lowest))| score > most || score == most && place.1 < lowest) {
+            best = Some((score, place));
         }
     }
-    let (_, line) = best?;
-    let near = samples.iter().filter(|s| on_level(&line, s, noise).is_some()).count();
-    let first = samples.iter().find(|s| on_level(&line, s, noise).is_some())?.u;
+    let (_, place) = best?;
+    let mut on = samples.iter().filter(|s| on_level(place, s, shift).is_some());
+    let first = on.next()?.u;
+    let near = 1 + on.count();
+    let line = Line { u: place.0, z: place.1, slope_q30: 0 };
     if near >= 4 {
         let mut fitted = fit(samples, 1, &line, shift)?;
-        for _ in 0..2 {
-            fitted = fit(samples, 1, &fitted.line, shift)?;
-        }
+        fitted = fit(samples, 1, &fitted.line, shift)?;
         if fitted.line.slope_q30.abs() < 1 << 26 {
             return Some(Ground { fit: fitted, first });
         }

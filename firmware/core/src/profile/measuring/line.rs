@@ -24,7 +24,8 @@ const LEAST_TURN_Q30: u64 = 1 << 21;
 
 impl Line {
     pub fn height_at(&self, u: i32) -> i32 {
-        self.z + ((i64::from(u - self.u) * i64::from(self.slope_q30)) >> 30) as i32
+        // (difference x slope) / 2^30 as the upper half of one product: differences are below 2^26 (`meets`).
+        self.z + ((i64::from((u - self.u) << 2) * i64::from(self.slope_q30)) >> 32) as i32
     }
 
     /// The place on the line at a distance outward.
@@ -56,28 +57,21 @@ impl Line {
 }
 
 /// How far residuals count in a fit: Tukey's biweight, wider below than above because vegetation is above.
-const ABOVE: Width = Width::sigmas(35);
-const BELOW: Width = Width::sigmas(45);
+/// In tenths of a sigma: 35 and 45.
+const ABOVE: u32 = inverse_width(35);
+const BELOW: u32 = inverse_width(45);
 
-/// How wide a gate is on one side.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Width {
-    /// Its square in variances, 8 fraction bits.
-    square_q8: u32,
-    /// 2^24 over that.
-    inverse: u32,
-}
+/// Squared residuals over their variances, 8 fraction bits, from which on nothing counts on either side.
+const WIDEST_Q8: u32 = 5_184;
 
-impl Width {
-    const fn sigmas(tenths: u32) -> Self {
-        let square_q8 = ((tenths * tenths) << 8) / 100;
-        Self { square_q8, inverse: (1 << 24) / square_q8 }
-    }
+/// How wide the gate is on one side: 2^24 over its square in variances with 8 fraction bits.
+const fn inverse_width(tenths: u32) -> u32 {
+    (1 << 24) / (((tenths * tenths) << 8) / 100)
 }
 
 /// Tukey weights take more of the large residuals than of the small ones: for normal errors and these gates the
-/// weighted mean square is 1/1.3076 of the variance (numerical integration). 8 fraction bits.
-const TRIM_Q8: u64 = 335;
+/// weighted mean square is 1/1.3187 of the variance (numerical integration). 8 fraction bits.
+const TRIM_Q8: u64 = 338;
 
 /// What a fit leaves behind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -101,12 +95,24 @@ impl Fit {
         let arm = Magnitude::new(u64::from(u.abs_diff(self.line.u)), 0);
         self.height_variance.plus(arm.squared().times(self.slope_variance))
     }
+
+    /// Variance of the residuals over what was assumed, with `prior` observations as assumed, 10 fraction bits.
+    ///
+    /// The gate, as wide as the assumed noise wants it, hides the tails of a larger one: a weighted mean square of r comes of a variance of
+    /// 2.3 r / (3.3 - r), within 2 % up to 4 times the assumed one and ever smaller than the truth beyond (numerical integration).
+    pub fn ratio_q10(&self, prior: u32) -> u32 {
+        let freedom_q8 = self.effective_q8.saturating_sub(2 << 8) + (prior << 8);
+        let chi2_q8 = self.chi2_q8 + (prior << 8);
+        // At most 3.1.
+        let mean_q10 = ((u64::from(chi2_q8) << 10) / u64::from(freedom_q8.max(1))).min(3_174) as u32;
+        2_355 * mean_q10 / (3_379 - mean_q10)
+    }
 }
 
 /// log2 of the grains in a unit of distance from a line's reference.
 const ARM_BITS: u32 = 5;
 
-/// Weighs every `stride`-th sample by its variance about a line of this slope; returns the common shift that [`fit`] wants.
+/// Weighs every `stride`-th sample by its variance about a line of this slope; returns the common shift that [`ratio`] and [`fit`] want.
 ///
 /// A weight is 2^20 / (variance >> shift), below 2^12, where the shift leaves 8 or 9 bits of the least variance.
 pub fn weigh(samples: &mut [Sample], stride: usize, noise: &Noise, slope_q14: i32) -> u32 {
@@ -114,71 +120,173 @@ pub fn weigh(samples: &mut [Sample], stride: usize, noise: &Noise, slope_q14: i3
     let (first, last) = (samples.first(), samples.last());
     let least = first.into_iter().chain(last).map(|s| noise.variance(s, slope_q14)).min().unwrap_or(1 << 8);
     let shift = 23u32.saturating_sub(least.leading_zeros());
+    weigh_by(samples, stride, noise, slope_q14, shift);
+    shift
+}
+
+/// [`weigh`] with a shift that is known already.
+pub fn weigh_by(samples: &mut [Sample], stride: usize, noise: &Noise, slope_q14: i32, shift: u32) {
     for sample in samples.iter_mut().step_by(stride) {
         let scaled = noise.variance(sample, slope_q14) >> shift;
         sample.weight = ((1 << 20) / scaled.max(1)).min(4095) as u16;
     }
-    shift
 }
 
-/// One step of iteratively reweighted least squares from `line`, over the samples that [`weigh`] has weighed, which gave `shift`.
-/// Nothing when fewer than 3 samples are within the gate or all lie at one distance.
+/// The square of a residual (below 2^15) over the variance by which [`weigh`] has weighed the sample, which gave `shift`, with so many
+/// fraction bits, up to 8: (e^2 >> shift) weight / 2^20. A square that would not fit 32 bits then is that of a residual
+/// of 16 times the least sigma of the samples and more.
+#[inline(always)]
+pub fn ratio<const FRACTION: u32>(sample: &Sample, square: u32, shift: u32) -> u32 {
+    ((square >> shift).min((1 << 20) - 1) * u32::from(sample.weight)) >> (20 - FRACTION)
+}
+
+/// The sums of a fit over some samples, exact: those of more or fewer samples follow by adding and subtracting.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Sums {
+    w: i32,
+    wu: i64,
+    we: i64,
+    wuu: i64,
+    wue: i64,
+    count: u32,
+    /// Sum of Tukey weight x squared residual over variance.
+    chi2_q12: u32,
+    /// Sum of Tukey weights.
+    effective_q12: u32,
+    /// Sum of their roots.
+    kept_q12: u32,
+}
+
+impl Sums {
+    /// Over samples that [`weigh`] has weighed, which gave `shift`.
+    pub fn over(samples: &[Sample], stride: usize, line: &Line, shift: u32) -> Self {
+        // Locals, two to a word where they fit: there are more sums than registers.
+        let (mut sum_w, mut sum_wu, mut sum_we, mut sum_wuu, mut sum_wue) = (0i32, 0i64, 0i64, 0i64, 0i64);
+        let (mut count_kept, mut effective_chi2) = (0u64, 0u64);
+        for sample in samples.iter().step_by(stride) {
+            let e = line.residual(sample);
+            if e.unsigned_abs() >= 1 << 15 {
+                continue;
+            }
+            let ratio_q8 = ratio::<8>(sample, (e * e) as u32, shift);
+            if ratio_q8 >= WIDEST_Q8 {
+                continue;
+            }
+            // ABOVE where e is positive, without a branch that no one could predict. The product is below 5184 x 5350, so below 2^25.
+            let inverse = BELOW + ((-e >> 31) as u32 & (ABOVE - BELOW));
+            let spent_q12 = (ratio_q8 * inverse) >> 12;
+            if spent_q12 >= 4096 {
+                continue;
+            }
+            let keep_q12 = 4096 - spent_q12;
+            let tukey_q12 = (keep_q12 * keep_q12) >> 12;
+            let w = ((u32::from(sample.weight) * tukey_q12) >> 12) as i32;
+            let u = (sample.u - line.u) >> ARM_BITS;
+            let wu = w * u;
+            sum_w += w;
+            sum_wu += i64::from(wu);
+            sum_we += i64::from(w * e);
+            sum_wuu += i64::from(wu) * i64::from(u);
+            sum_wue += i64::from(wu) * i64::from(e);
+            count_kept += 1 << 32 | u64::from(keep_q12);
+            // Chi square: below 2^12 x 2^13 a sample; 401 of them, shifted, stay below 2^27.
+            effective_chi2 += u64::from(tukey_q12) << 32 | u64::from((tukey_q12 * ratio_q8) >> 8);
+        }
+        Self {
+            w: sum_w,
+            wu: sum_wu,
+            we: sum_we,
+            wuu: sum_wuu,
+            wue: sum_wue,
+            count: (count_kept >> 32) as u32,
+            chi2_q12: effective_chi2 as u32,
+            effective_q12: (effective_chi2 >> 32) as u32,
+            kept_q12: count_kept as u32,
+        }
+    }
+
+    /// With the samples of `more` as well.
+    pub fn plus(&self, more: &Self) -> Self {
+        Self {
+            w: self.w + more.w,
+            wu: self.wu + more.wu,
+            we: self.we + more.we,
+            wuu: self.wuu + more.wuu,
+            wue: self.wue + more.wue,
+            count: self.count + more.count,
+            chi2_q12: self.chi2_q12 + more.chi2_q12,
+            effective_q12: self.effective_q12 + more.effective_q12,
+            kept_q12: self.kept_q12 + more.kept_q12,
+        }
+    }
+
+    /// Without the samples of `fewer`, which are among them.
+    pub fn minus(&self, fewer: &Self) -> Self {
+        Self {
+            w: self.w - fewer.w,
+            wu: self.wu - fewer.wu,
+            we: self.we - fewer.we,
+            wuu: self.wuu - fewer.wuu,
+            wue: self.wue - fewer.wue,
+            count: self.count.saturating_sub(fewer.count),
+            chi2_q12: self.chi2_q12.saturating_sub(fewer.chi2_q12),
+            effective_q12: self.effective_q12.saturating_sub(fewer.effective_q12),
+            kept_q12: self.kept_q12.saturating_sub(fewer.kept_q12),
+        }
+    }
+
+    /// What Newton's step is of the reweighted one, 10 fraction bits: the sum of weights over that of the derivatives of weight x residual,
+    /// which for Tukey's weight k^2 are 5 k^2 - 4 k. Between 1 (nothing but least squares) and 2.
+    fn gain_q10(&self) -> i64 {
+        let derivatives = (5 * self.effective_q12).saturating_sub(4 * self.kept_q12);
+        if 2 * derivatives <= self.effective_q12 {
+            return 2 << 10;
+        }
+        // Sums of 401 x 2^12 stay below 2^21.
+        i64::from((self.effective_q12 << 10) / derivatives.max(1))
+    }
+
+    /// One step from `line`, about which the sums are, towards the line whose reweighted residuals balance: that of reweighted least
+    /// squares, stretched to Newton's, which leaves a tenth of what the plain one does.
+    /// Nothing when fewer than 3 samples are within the gate or all lie at one distance.
+    pub fn solve(&self, line: &Line, shift: u32) -> Option<Fit> {
+        if self.count < 3 || self.w <= 0 {
+            return None;
+        }
+        let mean_u = self.wu / i64::from(self.w);
+        let mean_e = self.we / i64::from(self.w);
+        let gain_q10 = self.gain_q10();
+        let spread = self.wuu - 2 * mean_u * self.wu + mean_u * mean_u * i64::from(self.w);
+        let lean = self.wue - mean_u * self.we;
+        if spread <= 0 {
+            return None;
+        }
+        // Both to 31 bits at most; the quotient is a change of slope in grains a 32 grains.
+        let excess = 33u32.saturating_sub(spread.leading_zeros());
+        let turn_q30 = (((lean >> excess) << (30 - ARM_BITS)) / (spread >> excess).max(1)).clamp(-(1 << 30), 1 << 30);
+        let u = line.u + (mean_u << ARM_BITS) as i32;
+        let slope_q30 =
+            (i64::from(line.slope_q30) + ((turn_q30 * gain_q10) >> 10)).clamp(-(1 << 31) + 1, (1 << 31) - 1) as i32;
+        let fitted = Line { u, z: line.height_at(u) + ((mean_e * gain_q10) >> 10) as i32, slope_q30 };
+        // weight = 2^(20 + shift) / variance.
+        let scale = 20 + shift as i32;
+        // The residuals are those of the old line: the new one takes w (e - e')^2 out of them. The first product is below 2^51,
+        // the second clamped to 2^62.
+        let turned = (lean >> 16).clamp(-(1 << 32), 1 << 32) * turn_q30;
+        let taken = mean_e * self.we + (turned >> (14 - ARM_BITS));
+        let chi2_q12 = u64::from(self.chi2_q12).saturating_sub(taken.max(0) as u64 >> (scale - 12));
+        Some(Fit {
+            line: fitted,
+            count: self.count,
+            slope_variance: Magnitude::new(1, scale - 2 * ARM_BITS as i32).over(Magnitude::new(spread as u64, 0)),
+            height_variance: Magnitude::new(1, scale).over(Magnitude::new(self.w as u64, 0)),
+            chi2_q8: ((chi2_q12 * TRIM_Q8) >> 12) as u32,
+            effective_q8: self.effective_q12 >> 4,
+        })
+    }
+}
+
+/// [`Sums`] and their solution in one.
 pub fn fit(samples: &[Sample], stride: usize, line: &Line, shift: u32) -> Option<Fit> {
-    let (mut sum_w, mut sum_wu, mut sum_we, mut sum_wuu, mut sum_wue) = (0i32, 0i64, 0i64, 0i64, 0i64);
-    let (mut count, mut chi2_q12, mut effective_q12) = (0u32, 0u32, 0u32);
-    for sample in samples.iter().step_by(stride) {
-        let e = line.residual(sample);
-        if e.unsigned_abs() >= 1 << 15 {
-            continue;
-        }
-        let base = u32::from(sample.weight);
-        // e^2 / variance with 8 fraction bits: (e^2 >> shift) weight / 2^20. A square that would not fit 32 bits then is that of a
-        // residual of 16 times the least sigma of the fit and more.
-        let square = ((e * e) as u32 >> shift).min((1 << 20) - 1);
-        let ratio_q8 = (square * base) >> 12;
-        let width = if e > 0 { ABOVE } else { BELOW };
-        if ratio_q8 >= width.square_q8 {
-            continue;
-        }
-        let keep_q12 = 4096 - ((ratio_q8 * width.inverse) >> 12);
-        let tukey_q12 = (keep_q12 * keep_q12) >> 12;
-        let w = ((base * tukey_q12) >> 12) as i32;
-        let u = (sample.u - line.u) >> ARM_BITS;
-        let wu = w * u;
-        sum_w += w;
-        sum_wu += i64::from(wu);
-        sum_we += i64::from(w) * i64::from(e);
-        sum_wuu += i64::from(wu) * i64::from(u);
-        sum_wue += i64::from(wu) * i64::from(e);
-        count += 1;
-        effective_q12 += tukey_q12;
-        // Below 2^12 x 2^13 a sample: 401 of them, shifted, stay below 2^27.
-        chi2_q12 += (tukey_q12 * ratio_q8) >> 8;
-    }
-    if count < 3 || sum_w <= 0 {
-        return None;
-    }
-    let mean_u = sum_wu / i64::from(sum_w);
-    let mean_e = sum_we / i64::from(sum_w);
-    let spread = sum_wuu - 2 * mean_u * sum_wu + mean_u * mean_u * i64::from(sum_w);
-    let lean = sum_wue - mean_u * sum_we;
-    if spread <= 0 {
-        return None;
-    }
-    // Both to 31 bits at most; the quotient is a change of slope in grains a 32 grains.
-    let excess = 33u32.saturating_sub(spread.leading_zeros());
-    let turn_q30 = (((lean >> excess) << (30 - ARM_BITS)) / (spread >> excess).max(1)).clamp(-(1 << 30), 1 << 30);
-    let u = line.u + (mean_u << ARM_BITS) as i32;
-    let slope_q30 = (i64::from(line.slope_q30) + turn_q30).clamp(-(1 << 31) + 1, (1 << 31) - 1) as i32;
-    let fitted = Line { u, z: line.height_at(u) + mean_e as i32, slope_q30 };
-    // weight = 2^(20 + shift) / variance.
-    let scale = 20 + shift as i32;
-    Some(Fit {
-        line: fitted,
-        count,
-        slope_variance: Magnitude::new(1, scale - 2 * ARM_BITS as i32).over(Magnitude::new(spread as u64, 0)),
-        height_variance: Magnitude::new(1, scale).over(Magnitude::new(sum_w as u64, 0)),
-        chi2_q8: ((u64::from(chi2_q12) * TRIM_Q8) >> 12) as u32,
-        effective_q8: effective_q12 >> 4,
-    })
+    Sums::over(samples, stride, line, shift).solve(line, shift)
 }

@@ -16,7 +16,7 @@ use crossfall_protocol::message::{Hinge, Side, flags};
 
 use crate::scan::Points;
 use crate::trig;
-use hinge::Place;
+use hinge::{Ground, Place};
 use road::Road;
 use sample::{GRAIN_BITS, Noise, Sample, Samples};
 use search::Wanted;
@@ -87,7 +87,10 @@ pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Wo
     let from = adjacent.run.last + 1;
     let start = samples.get(adjacent.run.last).map_or(start, |s| s.u);
     let opposing = slope::measure(samples, (from, start), &wanted(true), &mut noise);
-    let section = Section { outward, road, departure, adjacent, opposing, noise };
+    let outermost = opposing.as_ref().unwrap_or(&adjacent);
+    let beyond = hinge::ground_beyond(samples, outermost, &noise);
+    let floor = opposing.as_ref().and_then(|opposing| hinge::ground_between(samples, &adjacent, opposing, &noise));
+    let section = Section { outward, road, departure, adjacent, floor, opposing, beyond, noise };
     section.report(&mut side, samples, &wanted(false), &wanted(true));
     side
 }
@@ -112,7 +115,11 @@ struct Section {
     road: Road,
     departure: i32,
     adjacent: Found,
+    /// The ground between the slopes.
+    floor: Option<Ground>,
     opposing: Option<Found>,
+    /// The ground beyond the outermost slope.
+    beyond: Option<Ground>,
     noise: Noise,
 }
 
@@ -125,33 +132,32 @@ struct Hinges {
 }
 
 impl Section {
-    fn hinges(&self, samples: &mut [Sample]) -> Hinges {
-        let edge = hinge::edge(&self.road.fit, self.departure, &self.adjacent);
-        match &self.opposing {
+    fn hinges(&self, samples: &[Sample]) -> Hinges {
+        let Self { adjacent, floor, opposing, beyond, noise, .. } = self;
+        let edge = hinge::edge(&self.road.fit, self.departure, adjacent);
+        match opposing {
             Some(opposing) => {
-                let (foot, start) = hinge::across(samples, &self.adjacent, opposing, &self.noise);
-                Hinges { edge, foot, facing: Some((start, hinge::end(samples, opposing, &self.noise))) }
+                let (foot, start) = hinge::across(samples, adjacent, opposing, floor, noise);
+                Hinges { edge, foot, facing: Some((start, hinge::end(samples, opposing, beyond, noise))) }
             }
-            None => Hinges { edge, foot: hinge::end(samples, &self.adjacent, &self.noise), facing: None },
+            None => Hinges { edge, foot: hinge::end(samples, adjacent, beyond, noise), facing: None },
         }
     }
 
-    /// Fits the slopes anew between the hinges that they make, in so many steps.
-    fn settle<const STEPS: usize>(&mut self, samples: &mut [Sample]) {
+    /// Fits the slopes anew between the hinges that they make.
+    fn settle(&mut self, samples: &mut [Sample]) {
         let Hinges { edge, foot, facing } = self.hinges(samples);
-        self.adjacent.settle::<STEPS>(samples, &edge, &foot, &self.noise);
+        self.adjacent.settle(samples, &edge, &foot, &self.noise);
         if let (Some(opposing), Some((start, top))) = (&mut self.opposing, &facing) {
-            opposing.settle::<STEPS>(samples, start, top, &self.noise);
+            opposing.settle(samples, start, top, &self.noise);
         }
     }
 
     /// Settles road and slopes between their hinges and fills in what was found.
     fn report(mut self, side: &mut Side, samples: &mut [Sample], falling: &Wanted, rising: &Wanted) {
-        self.settle::<2>(samples);
-        for _ in 0..2 {
-            let edge = hinge::edge(&self.road.fit, self.departure, &self.adjacent);
-            self.road.settle(samples, edge.u);
-        }
+        self.settle(samples);
+        let (departure, adjacent) = (self.departure, self.adjacent);
+        self.road.settle(samples, |road| hinge::edge(road, departure, &adjacent).u);
         let Hinges { edge, foot, facing } = self.hinges(samples);
         side.edge = Some(edge.message(self.outward));
         if self.adjacent.within(&edge, &foot, falling) {

@@ -1,6 +1,6 @@
 //! The road: a line under the sensor, followed outward to where the surface leaves it.
 
-use super::line::{Fit, Line, fit, weigh};
+use super::line::{Fit, Line, Sums, fit, weigh, weigh_by};
 use super::sample::{Noise, Sample, inward_of, millimetres};
 
 /// How far on the other side of the sensor the road line still takes its points: short of a crown between lanes.
@@ -11,6 +11,9 @@ const FIRST_REACH: i32 = millimetres(1_200);
 
 /// Until the road's end is known, every fourth sample is enough to follow it.
 const THINNING: usize = 4;
+
+/// Every second one tells where it ends and how noisy it is; all of them count once the edge is known.
+const MEASURING: usize = 2;
 
 /// A departure is this many samples in a row beyond the threshold.
 const DEPARTURE_SAMPLES: u32 = 4;
@@ -39,17 +42,16 @@ pub fn find(samples: &mut [Sample], noise: Noise) -> Option<Road> {
     let mut line = Line { u: 0, z: median_height(samples), slope_q30: 0 };
     let mut reach = FIRST_REACH;
     // Wide first: a cross slope of 5 degrees is 100 mm at the ends of the first piece.
-    for range in [millimetres(40), millimetres(15)] {
+    for range in [millimetres(30)] {
         let wide = Noise { range: range as u32, ..noise };
         line = step(inside(samples, &line, reach), THINNING, &line, &wide)?.line;
     }
     let mut noise = noise;
     let mut departed = 0;
     while reach < millimetres(30_000) {
-        let once = step(inside(samples, &line, reach), THINNING, &line, &noise)?;
-        let twice = step(inside(samples, &line, reach), THINNING, &once.line, &noise)?;
-        line = twice.line;
-        noise = updated(&noise, &twice);
+        let fit = step(inside(samples, &line, reach), THINNING, &line, &noise)?;
+        line = fit.line;
+        noise = updated(&noise, &fit);
         departed = departure(samples, &line, &noise, inward_of(samples, line.place_at(reach - MARGIN)));
         let end = departed_at(samples, &line, departed).unwrap_or(i32::MAX);
         if end < 2 * reach {
@@ -60,9 +62,9 @@ pub fn find(samples: &mut [Sample], noise: Noise) -> Option<Road> {
     let end = departed_at(samples, &line, departed).unwrap_or(reach) - MARGIN;
     let road = inside(samples, &line, end.max(FIRST_REACH / 2));
     let size = road.len();
-    let fit = step(road, 1, &line, &noise)?;
+    let fit = step(road, MEASURING, &line, &noise)?;
     // Where less than half of the samples lie on the line, it is not the road.
-    if fit.count < MIN_SAMPLES || 2 * (fit.count as usize) < size {
+    if fit.count < MIN_SAMPLES || 2 * MEASURING * (fit.count as usize) < size {
         return None;
     }
     let noise = updated(&noise, &fit);
@@ -77,12 +79,22 @@ impl Road {
         departed_at(samples, &self.fit.line, self.departure)
     }
 
-    /// Fits again up to the edge that the adjacent slope makes with the road.
-    pub fn settle(&mut self, samples: &mut [Sample], edge: i32) {
-        let road = inside(samples, &self.fit.line, edge.max(FIRST_REACH / 2));
-        if let Some(fit) = step(road, 1, &self.fit.line, &self.noise) {
-            self.fit = fit;
-        }
+    /// Fits again up to the edge that the adjacent slope makes with the road, and once more up to the edge that comes of that:
+    /// the few samples between the two are added to the sums or taken out of them.
+    pub fn settle(&mut self, samples: &mut [Sample], edge: impl Fn(&Fit) -> i32) {
+        let line = self.fit.line;
+        let end = |fit: &Fit, samples: &[Sample]| inward_of(samples, fit.line.place_at(edge(fit).max(FIRST_REACH / 2)));
+        let first = end(&self.fit, samples);
+        let part = samples.get_mut(..first).unwrap_or_default();
+        let shift = weigh(part, 1, &self.noise, line.slope_q14());
+        let sums = Sums::over(part, 1, &line, shift);
+        let Some(fit) = sums.solve(&line, shift) else { return };
+        let last = end(&fit, samples);
+        let between = samples.get_mut(first.min(last)..first.max(last)).unwrap_or_default();
+        weigh_by(between, 1, &self.noise, line.slope_q14(), shift);
+        let change = Sums::over(between, 1, &line, shift);
+        let sums = if last < first { sums.minus(&change) } else { sums.plus(&change) };
+        self.fit = sums.solve(&line, shift).unwrap_or(fit);
     }
 }
 
@@ -121,13 +133,9 @@ fn departed_at(samples: &[Sample], line: &Line, departure: usize) -> Option<i32>
 
 /// The range noise that explains the residuals of a fit, with the assumed one as a prior.
 fn updated(noise: &Noise, found: &Fit) -> Noise {
-    // Residuals of n effective samples have n - 2 degrees of freedom; ratio = mean square over what was assumed.
-    let freedom_q8 = found.effective_q8.saturating_sub(2 << 8) + (PRIOR << 8);
-    let chi2_q8 = found.chi2_q8 + (PRIOR << 8);
-    let ratio_q10 = ((u64::from(chi2_q8) << 10) / u64::from(freedom_q8.max(1))).min(1 << 16);
     // At the road the beam is nearly square to the surface: g is about 0.9, and the surface's part is taken off.
     let assumed = u64::from(noise.range * noise.range) + u64::from(noise.rough2);
-    let total = (assumed * ratio_q10) >> 10;
+    let total = (assumed * u64::from(found.ratio_q10(PRIOR))) >> 10;
     let range = total.saturating_sub(u64::from(noise.rough2)).isqrt() as u32;
     Noise { range: range.clamp(millimetres(1) as u32 / 2, Noise::MAX_RANGE), ..*noise }
 }

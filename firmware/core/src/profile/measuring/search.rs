@@ -5,8 +5,9 @@
 //! below it much, and three in a row beyond the obstruction distance end the run. So a run decides its own ends. All candidates
 //! are scored on the anchors, the best few on all samples.
 
-use super::line::{Line, fit, weigh};
+use super::line::{Line, ratio, weigh};
 use super::sample::{Noise, Sample, millimetres};
+use crate::scan::MAX_BEAMS;
 
 /// The first anchor lies within this of where the search starts.
 const START_REACH: i32 = millimetres(4_500);
@@ -42,27 +43,31 @@ pub struct Run {
 
 /// The best line among the candidates, which begin at `start` or beyond, and its run over `samples`.
 pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) -> Option<(Line, Run)> {
-    let mut finalists = [(Line::default(), 0i32); FINALISTS];
+    let mut finalists = [Candidate::default(); FINALISTS];
+    // Candidates are told apart with the variances of a typical slope: those of their own would cost more than they tell.
+    let typical_q14 = (wanted.least_q14 + wanted.most_q14) / 2;
+    let raised = Raised::among(samples, typical_q14);
+    let shift = weigh(samples, 1, noise, typical_q14);
     // Where nothing grows every second start finds what all would; in vegetation every one may be the good one.
-    let overgrown = 16 * mark_raised(samples, wanted) > samples.len();
-    let stride = if overgrown { 1 } else { 2 };
+    let stride = if 16 * raised.count > samples.len() { 1 } else { 2 };
     // Starting within a good run would mostly find it again: past `settled` and `thinned` all and every third start counts.
     let (mut settled, mut thinned) = (0, 0);
-    for (i, a) in samples.iter().enumerate() {
+    let mut next = 0;
+    while let Some(along) = samples.get(next..) {
+        let (i, Some(a)) = (next, along.first()) else { break };
+        next = (next + stride).max(settled);
         // A stray may lie anywhere: it does not end the search.
-        let skipped = i < settled || (i < thinned && i % 3 != 0) || i % stride != 0;
-        if skipped || a.u < start || a.u > start + START_REACH || a.weight == RAISED {
+        if (i < thinned && i % 3 != 0) || a.u < start || a.u > start + START_REACH || raised.holds(i) {
             continue;
         }
-        let along = samples.get(i..).unwrap_or_default();
-        let mut outer = along.iter();
+        let mut outer = along.iter().enumerate();
         for base in BASES {
-            let Some(b) = outer.find(|b| b.u - a.u >= base) else { break };
+            let Some((away, b)) = outer.find(|(_, b)| b.u - a.u >= base) else { break };
             let base = b.u - a.u;
             if base > wanted.longest {
                 break;
             }
-            if b.weight == RAISED {
+            if raised.holds(i + away) {
                 continue;
             }
             // 14 fraction bits: 0.6 mm over 10 m. Within 2^17 units of 8 grains the dividend stays below 2^31.
@@ -72,93 +77,97 @@ pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) 
                 continue;
             }
             let line = Line { u: a.u, z: a.z, slope_q30: slope_q14 << 16 };
-            // Less than half of the best is not worth following to the end.
-            let weakest = finalists.last().map_or(0, |f| f.1).max(finalists.first().map_or(0, |f| f.1) / 2);
-            let found = run_from(along, &line, wanted, noise, weakest);
-            let span = (found.last - found.first) as i32 + 1;
-            if span >= 10 && found.score > span * THINNED_SCORE {
-                thinned = thinned.max(i + found.last);
-                if found.score > span * SETTLED_SCORE {
+            let (span, score) = follow(along.iter(), &line, wanted.obstruction, shift);
+            if span >= 10 && score > span as i32 * THINNED_SCORE {
+                thinned = thinned.max(i + span - 1);
+                if score > span as i32 * SETTLED_SCORE {
                     settled = thinned;
+                    next = next.max(settled);
                 }
             }
-            admit(&mut finalists, line, b.u, found.score);
+            admit(&mut finalists, Candidate { line, middle: i + span / 2, score }, b.u);
         }
     }
     let mut best: Option<(Line, Run)> = None;
-    for (line, score) in finalists {
-        if score > 0 {
-            let Some((line, run)) = grow(samples, &line, wanted, noise) else { continue };
-            if best.is_none_or(|(_, known)| run.score > known.score) {
-                best = Some((line, run));
-            }
+    let leading = finalists.first().map_or(0, |f| f.score);
+    for candidate in finalists.iter().filter(|c| c.score > 0 && 4 * c.score >= 3 * leading) {
+        let run = run(samples, candidate.middle, &candidate.line, wanted.obstruction, shift);
+        if best.is_none_or(|(_, known)| run.score > known.score) {
+            best = Some((candidate.line, run));
         }
     }
     best
 }
 
-/// Marks the samples that stand above both of their neighbours: vegetation, no part of a candidate. Heights count from a
-/// line that slopes as what is wanted, so that on any line each sample lies between its neighbours. Says how many there are.
-fn mark_raised(samples: &mut [Sample], wanted: &Wanted) -> usize {
-    let typical_q14 = (wanted.least_q14 + wanted.most_q14) / 2;
-    // |u| < 2^22 grains and the slope below 2^15: a shift of 6 keeps the product in 32 bits.
-    let height = |s: &Sample| s.z - (((s.u >> 6) * typical_q14) >> 8);
-    let (mut before, mut here) = (i32::MAX >> 1, i32::MAX >> 1);
-    let mut last: Option<&mut Sample> = None;
-    let mut count = 0;
-    for sample in samples {
-        let after = height(sample);
-        sample.weight = 0;
-        if let Some(last) = last
-            && here > before.max(after) + PROTRUSION
-        {
-            last.weight = RAISED;
-            count += 1;
-        }
-        (before, here) = (here, after);
-        last = Some(sample);
-    }
-    count
+/// A line through two samples, the middle of the run that begins with the first of them, and what that run scores.
+#[derive(Clone, Copy, Default)]
+struct Candidate {
+    line: Line,
+    middle: usize,
+    score: i32,
 }
 
-/// Mark of a raised sample, in the place of a weight that no fit has set yet.
-const RAISED: u16 = u16::MAX;
+/// The samples that stand above both of their neighbours: vegetation, no part of a candidate.
+struct Raised {
+    marks: [u32; MAX_BEAMS.div_ceil(32)],
+    count: usize,
+}
+
+impl Raised {
+    /// Heights count from a line that slopes as what is wanted, so that on any line each sample lies between its neighbours.
+    fn among(samples: &[Sample], typical_q14: i32) -> Self {
+        let mut raised = Self { marks: [0; MAX_BEAMS.div_ceil(32)], count: 0 };
+        // |u| < 2^22 grains and the slope below 2^15: a shift of 6 keeps the product in 32 bits.
+        let height = |s: &Sample| s.z - (((s.u >> 6) * typical_q14) >> 8);
+        let (mut before, mut here) = (i32::MAX >> 1, i32::MAX >> 1);
+        for (next, sample) in samples.iter().enumerate() {
+            let after = height(sample);
+            // The first round has nothing before it: its `here` is a border that never stands out.
+            if here > before.max(after) + PROTRUSION && next > 0 {
+                let index = next - 1;
+                if let Some(word) = raised.marks.get_mut(index / 32) {
+                    *word |= 1 << (index % 32);
+                    raised.count += 1;
+                }
+            }
+            (before, here) = (here, after);
+        }
+        raised
+    }
+
+    fn holds(&self, index: usize) -> bool {
+        self.marks.get(index / 32).is_some_and(|word| word >> (index % 32) & 1 == 1)
+    }
+}
 
 /// How far above its neighbours a sample must stand to be taken for raised.
 const PROTRUSION: i32 = millimetres(12);
 
-/// Puts a candidate among the finalists if it is good enough. Of candidates that tell the same story - within 15 mm at
-/// both anchors - only the best stays, so that the others can be different ones.
-fn admit(finalists: &mut [(Line, i32); FINALISTS], line: Line, outer: i32, score: i32) {
+/// Puts a candidate, whose outer anchor lies at `outer`, among the finalists if it is good enough. Of candidates that tell the
+/// same story - within 15 mm at both anchors - only the best stays, so that the others can be different ones.
+fn admit(finalists: &mut [Candidate; FINALISTS], candidate: Candidate, outer: i32) {
     let same = |other: &Line| {
-        let apart = |u: i32| (other.height_at(u) - line.height_at(u)).abs();
-        apart(line.u) < millimetres(15) && apart(outer) < millimetres(15)
+        let apart = |u: i32| (other.height_at(u) - candidate.line.height_at(u)).abs();
+        apart(candidate.line.u) < millimetres(15) && apart(outer) < millimetres(15)
     };
     let weakest = FINALISTS - 1;
-    let place = finalists.iter().position(|(other, known)| *known > 0 && same(other)).unwrap_or(weakest);
-    let Some(held) = finalists.get_mut(place) else { return };
-    if score <= held.1 {
+    if finalists.last().is_some_and(|held| candidate.score <= held.score) {
         return;
     }
-    *held = (line, score);
+    let place = finalists.iter().position(|other| other.score > 0 && same(&other.line)).unwrap_or(weakest);
+    let Some(held) = finalists.get_mut(place) else { return };
+    if candidate.score <= held.score {
+        return;
+    }
+    *held = candidate;
     // Best first; equal scores keep their order.
     for k in (1..=place).rev() {
         if let Some([upper, lower]) = finalists.get_mut(k - 1..=k)
-            && lower.1 > upper.1
+            && lower.score > upper.score
         {
             core::mem::swap(upper, lower);
         }
     }
-}
-
-/// A candidate's run on all samples, a fit to it, and the run of that.
-fn grow(samples: &mut [Sample], line: &Line, wanted: &Wanted, noise: &Noise) -> Option<(Line, Run)> {
-    let first = run(samples, line, wanted, noise);
-    let part = samples.get_mut(first.first..=first.last)?;
-    let shift = weigh(part, 1, noise, line.slope_q14());
-    let once = fit(part, 1, line, shift)?.line;
-    let grown = run(samples, &once, wanted, noise);
-    Some(if grown.score > first.score { (once, grown) } else { (*line, first) })
 }
 
 /// A run that earns this much a sample is what there is to find along its line ...
@@ -166,81 +175,50 @@ const SETTLED_SCORE: i32 = 230;
 /// ... and one that earns this much may still be a mixture of slope and vegetation.
 const THINNED_SCORE: i32 = 130;
 
-/// A run that begins with the first sample is over when it has lost this much.
-const DROP: i32 = 450;
+/// A run is over when it has lost this much: three samples in a row beyond the obstruction distance, or as much otherwise.
+const DROP: i32 = 430;
 
-/// What a sample earns for a line; nothing when it lies beyond the obstruction distance.
+/// What a sample earns on a line: 288 less 32 a variance.
+const EARNED: u32 = 288;
+const ABOVE_COSTS: i32 = 43;
+const BELOW_COSTS: i32 = 173;
+/// What a sample beyond the obstruction distance costs.
+const ASTRAY_COSTS: i32 = 144;
+
+/// What a weighed sample earns for a line; the obstruction distance is below 2^15 grains.
 #[inline(always)]
-fn earned(sample: &Sample, line: &Line, slope_q14: i32, wanted: &Wanted, noise: &Noise) -> Option<i32> {
+fn earned(sample: &Sample, line: &Line, obstruction: i32, shift: u32) -> i32 {
     let e = line.residual(sample);
-    if e.abs() > wanted.obstruction {
-        return None;
+    if e.abs() > obstruction {
+        return -ASTRAY_COSTS;
     }
-    let variance = noise.variance(sample, slope_q14);
-    // The obstruction distance is below 2^15 grains: the square fits.
-    let square = (e * e) as u32;
-    Some(if square < 9 * variance {
-        288 - (square / (variance >> 5).max(1)) as i32
-    } else if e > 0 {
-        -43
-    } else {
-        -173
-    })
+    let spent = ratio::<5>(sample, (e * e) as u32, shift);
+    // Which side of the line it is on cannot be predicted: no branch.
+    let lost = BELOW_COSTS - ((-e >> 31) & (BELOW_COSTS - ABOVE_COSTS));
+    if spent < EARNED { (EARNED - spent) as i32 } else { -lost }
 }
 
-/// The best run that begins with the first sample. Given up once it can no longer score more than `least`.
-fn run_from(samples: &[Sample], line: &Line, wanted: &Wanted, noise: &Noise, least: i32) -> Run {
-    let slope_q14 = line.slope_q14();
-    let (mut best, mut score, mut astray) = (Run::default(), 0, 0);
-    let mut remaining = samples.len() as i32;
-    for (index, sample) in samples.iter().enumerate() {
-        match earned(sample, line, slope_q14, wanted, noise) {
-            Some(earned) => {
-                astray = 0;
-                score += earned;
-            }
-            None => {
-                astray += 1;
-                score -= 144;
-            }
-        }
-        remaining -= 1;
-        if score > best.score {
-            best = Run { first: 0, last: index, score };
-        } else if astray == 3 || score < best.score - DROP || score + 288 * remaining <= least {
+/// How many samples the best run has that begins with the first of these, and what it earns.
+///
+/// Not inlined: among the variables of a search its own would not stay in registers.
+#[inline(never)]
+fn follow<'a>(samples: impl Iterator<Item = &'a Sample>, line: &Line, obstruction: i32, shift: u32) -> (usize, i32) {
+    let (mut span, mut best, mut score) = (0, 0, 0);
+    for (before, sample) in samples.enumerate() {
+        score += earned(sample, line, obstruction, shift);
+        if score > best {
+            (span, best) = (before + 1, score);
+        } else if score < best - DROP {
             break;
         }
     }
-    best
+    (span, best)
 }
 
-/// The best contiguous run of samples along a line.
-pub fn run(samples: &[Sample], line: &Line, wanted: &Wanted, noise: &Noise) -> Run {
-    let slope_q14 = line.slope_q14();
-    let (mut best, mut current) = (Run::default(), Run::default());
-    let mut astray = 0;
-    for (index, sample) in samples.iter().enumerate() {
-        let earned = match earned(sample, line, slope_q14, wanted, noise) {
-            Some(earned) => {
-                astray = 0;
-                earned
-            }
-            None => {
-                astray += 1;
-                if astray == 3 && best.score > 0 {
-                    break;
-                }
-                -144
-            }
-        };
-        if current.score <= 0 {
-            current = Run { first: index, last: index, score: 0 };
-        }
-        current.score += earned;
-        if current.score > best.score {
-            current.last = index;
-            best = current;
-        }
-    }
-    best
+/// The best run that holds the sample `middle`, along a line by whose slope [`weigh`] has weighed the samples, which gave `shift`.
+pub fn run(samples: &[Sample], middle: usize, line: &Line, obstruction: i32, shift: u32) -> Run {
+    let Some((inner, outer)) = samples.split_at_checked(middle) else { return Run::default() };
+    let (out, outward) = follow(outer.iter(), line, obstruction, shift);
+    let (back, inward) = follow(inner.iter().rev(), line, obstruction, shift);
+    Run { first: middle - back, last: (middle + out).saturating_sub(1), score: outward + inward }
 }

@@ -1,0 +1,125 @@
+//! The levelled direction of one beam after another.
+//!
+//! Beams of one mirror turn are a degree apart and roll is linear between knots, so a beam looks where its neighbour in the same turn did,
+//! turned by an angle that is the same from knot to knot: four products instead of a sine and a cosine. The direction is found anew at each
+//! knot. Errors: a turn of one beam is rounded to the unit of an angle and its products to 2^-30, which in the 13 beams of an interval at
+//! most adds up to 3e-8: a micrometre at 32 m.
+
+use crossfall_protocol::Angle;
+use crossfall_protocol::config::Scanner;
+
+use super::RawScan;
+use super::roll_track::{MAX_TURNS, RollTrack};
+use crate::trig::{self, Direction};
+
+/// Where the beams of a scan look, in the order of its values.
+pub struct Sweep<'a> {
+    scan: &'a RawScan,
+    track: &'a RollTrack,
+    scanner: &'a Scanner,
+    turns: usize,
+    turn: usize,
+    pointers: [Pointer; MAX_TURNS],
+}
+
+/// Where the mirror points in one turn.
+#[derive(Clone, Copy)]
+struct Pointer {
+    direction: Direction,
+    /// From one beam to the next.
+    step: Direction,
+    /// Beams to come before the direction is found anew.
+    left: usize,
+    /// Number of the next beam in its turn.
+    place: usize,
+}
+
+/// Between neighbouring beams of a turn.
+const DEGREE: Angle = Angle::from_microdegrees(1_000_000);
+
+const AHEAD: Direction = Direction { cos_q30: trig::ONE_Q30, sin_q30: 0 };
+
+impl<'a> Sweep<'a> {
+    pub fn new(scan: &'a RawScan, track: &'a RollTrack, scanner: &'a Scanner) -> Self {
+        let pointer = Pointer { direction: AHEAD, step: AHEAD, left: 0, place: 0 };
+        Self { scan, track, scanner, turns: scan.turns(), turn: 0, pointers: [pointer; MAX_TURNS] }
+    }
+
+    /// The direction of the next value.
+    pub fn advance(&mut self) -> Direction {
+        let turn = self.turn;
+        self.turn = if turn + 1 == self.turns { 0 } else { turn + 1 };
+        let Some(pointer) = self.pointers.get_mut(turn) else { return AHEAD };
+        if pointer.left == 0 {
+            let beam = pointer.place * self.turns + turn;
+            let (step, left) = self.track.slope(self.scan, beam);
+            let (theta, degree) = match self.scanner.mirrored {
+                false => (self.scan.beam_angle(beam), DEGREE),
+                true => (Angle(i32::MIN) - self.scan.beam_angle(beam), Angle::ZERO - DEGREE),
+            };
+            let roll = self.track.roll(self.scan, beam);
+            pointer.direction = trig::direction(theta + roll + self.scanner.mounting_offset);
+            pointer.step = trig::direction(degree + step);
+            pointer.left = left;
+        } else {
+            pointer.left -= 1;
+            pointer.direction = turned(pointer.direction, pointer.step);
+        }
+        pointer.place += 1;
+        pointer.direction
+    }
+}
+
+/// A direction turned by another, each part rounded to the nearest 2^-30: products and their sums stay below 2^62.
+fn turned(direction: Direction, step: Direction) -> Direction {
+    let [c, s, dc, ds] = [direction.cos_q30, direction.sin_q30, step.cos_q30, step.sin_q30].map(i64::from);
+    let rounded = |q60: i64| ((q60 + (1 << 29)) >> 30) as i32;
+    Direction { cos_q30: rounded(c * dc - s * ds), sin_q30: rounded(s * dc + c * ds) }
+}
+
+#[cfg(test)]
+mod tests {
+    use crossfall_protocol::DeviceTime;
+    use crossfall_protocol::message::ScanMode;
+
+    use super::*;
+    use crate::scan::MAX_BEAMS;
+
+    #[test]
+    fn every_direction_is_that_of_its_beam_within_3e_8() {
+        let mut track = RollTrack::constant(Angle::ZERO);
+        // Rolls of up to 8 degrees that change by up to 100 degrees a second.
+        for (k, knot) in track.knots.iter_mut().flatten().enumerate() {
+            *knot = Angle::from_microdegrees(8_000_000 - (k as i32 * 7_919 % 40) * 41_000);
+        }
+        for (span_deg, step_cdeg, layout) in
+            [(180u8, 50u8, 361u16), (180, 100, 181), (100, 25, 401), (180, 50, 181 | 3 << 12)]
+        {
+            let scan = RawScan {
+                index: 0,
+                stx: DeviceTime(0),
+                layout,
+                mode: ScanMode { span_deg, step_cdeg, measuring: 6 },
+                status: 0,
+                counters: None,
+                values: [0; MAX_BEAMS],
+            };
+            for mirrored in [false, true] {
+                let mounting_offset = Angle::from_microdegrees(-345_678);
+                let scanner = Scanner { mounting_offset, mirrored, ..Scanner::default() };
+                let mut sweep = Sweep::new(&scan, &track, &scanner);
+                for beam in 0..scan.beams() {
+                    let theta = scan.beam_angle(beam);
+                    let theta = if mirrored { Angle(i32::MIN) - theta } else { theta };
+                    let exact = (theta + track.roll(&scan, beam) + mounting_offset).0;
+                    let (sin, cos) = libm::sincos(f64::from(exact) / 4_294_967_296.0 * core::f64::consts::TAU);
+                    let found = sweep.advance();
+                    let unit = f64::from(trig::ONE_Q30);
+                    let error =
+                        libm::hypot(f64::from(found.cos_q30) / unit - cos, f64::from(found.sin_q30) / unit - sin);
+                    assert!(error < 3e-8, "beam {beam} of {} at {step_cdeg}: {error:e}", scan.beams());
+                }
+            }
+        }
+    }
+}
