@@ -8,27 +8,32 @@ use crossfall_protocol::config::{Method, Survey};
 use crossfall_protocol::message::{Hinge, Side, flags};
 
 use crate::scan::resample::Samples;
-use crate::scan::{self, Point, Points, RawScan, RollTrack};
+use crate::scan::{self, MAX_BEAMS, Point, RawScan, RollTrack};
+use heapless::Vec;
 
 /// Everything that measuring a scan needs besides its input. Owned by the caller, reused from scan to scan.
-#[derive(Debug, Default)]
-pub struct Workspace {
-    points: Points,
-    measuring: measuring::Workspace,
-    samples: Samples,
-    seed: seed::Work,
+///
+/// Both modes share one place: only one of them is at work.
+#[derive(Debug)]
+pub struct Workspace(Held);
+
+#[derive(Debug)]
+enum Held {
+    Measuring(measuring::Samples),
+    Seed { points: Vec<Point, MAX_BEAMS>, samples: Samples, work: seed::Work },
+}
+
+impl Default for Workspace {
+    fn default() -> Self {
+        Self::new()
+    }
 }
 
 impl Workspace {
     /// An empty workspace.
     #[must_use]
     pub const fn new() -> Self {
-        Self {
-            points: Points::new(),
-            measuring: measuring::Workspace::new(),
-            samples: Samples::new(),
-            seed: seed::Work::new(),
-        }
+        Self(Held::Measuring(measuring::Samples::new()))
     }
 }
 
@@ -36,22 +41,35 @@ impl Workspace {
 ///
 /// The result depends on nothing but the arguments: what was in `work` before does not matter.
 pub fn measure(scan: &RawScan, track: &RollTrack, config: &Config, work: &mut Workspace) -> (Side, Side, u16) {
-    scan::level(scan, track, &config.scanner, &mut work.points);
     let (left, right) = match config.survey.method {
-        Method::Measuring => {
-            let input = measuring::Scan { points: &work.points, unit_um: scan.unit_um() };
-            let left = measuring::measure(&input, measuring::Outward::Left, &config.survey, &mut work.measuring);
-            (left, measuring::measure(&input, measuring::Outward::Right, &config.survey, &mut work.measuring))
-        }
-        Method::Seed => {
-            let Workspace { points, samples, seed, .. } = work;
-            let left = points.iter().map(|echo| echo.point);
-            let left = seed_side(left, &config.survey, samples, seed);
-            let right = points.iter().rev().map(|echo| Point { y_um: -echo.point.y_um, ..echo.point });
-            (left, mirrored(seed_side(right, &config.survey, samples, seed)))
-        }
+        Method::Measuring => by_measuring(scan, track, config, &mut work.0),
+        Method::Seed => by_seed(scan, track, config, &mut work.0),
     };
     (left, right, scan_flags(scan))
+}
+
+fn by_measuring(scan: &RawScan, track: &RollTrack, config: &Config, held: &mut Held) -> (Side, Side) {
+    if !matches!(held, Held::Measuring(_)) {
+        *held = Held::Measuring(measuring::Samples::new());
+    }
+    let Held::Measuring(samples) = held else { return Default::default() };
+    measuring::measure(scan, track, config, samples)
+}
+
+fn by_seed(scan: &RawScan, track: &RollTrack, config: &Config, held: &mut Held) -> (Side, Side) {
+    if !matches!(held, Held::Seed { .. }) {
+        *held = Held::Seed { points: Vec::new(), samples: Samples::new(), work: seed::Work::new() };
+    }
+    let Held::Seed { points, samples, work } = held else { return Default::default() };
+    points.clear();
+    // Never full: a scan has at most as many beams as there are places.
+    points.extend(scan::levelled(scan, track, &config.scanner).map(|echo| echo.point));
+    if config.scanner.mirrored {
+        points.reverse();
+    }
+    let left = seed_side(points.iter().copied(), &config.survey, samples, work);
+    let right = points.iter().rev().map(|point| Point { y_um: -point.y_um, ..*point });
+    (left, mirrored(seed_side(right, &config.survey, samples, work)))
 }
 
 /// The paper's search over one side's points, which count outward, resampled as the paper has them.

@@ -42,24 +42,33 @@ pub type Points = Vec<Echo, MAX_BEAMS>;
 /// Levels a scan. `points` is overwritten.
 pub fn level(scan: &RawScan, track: &RollTrack, scanner: &Scanner, points: &mut Points) {
     points.clear();
+    // Never full: a scan has at most as many beams as `points` has places.
+    points.extend(levelled(scan, track, scanner));
+    if scanner.mirrored {
+        points.reverse();
+    }
+}
+
+/// The returns of a scan, levelled, in the order of its beams: from the vehicle's right to its left, or from left to right
+/// where the scanner is mounted the other way round.
+pub fn levelled<'a>(
+    scan: &'a RawScan,
+    track: &'a RollTrack,
+    scanner: &'a Scanner,
+) -> impl Iterator<Item = Echo> + use<'a> {
     let unit_um = scan.unit_um();
     let mask = range_mask(scan.mode.measuring);
     let mut sweep = Sweep::new(scan, track, scanner);
-    for (beam, value) in scan.ranges().iter().enumerate() {
+    scan.ranges().iter().enumerate().filter_map(move |(beam, value)| {
         let direction = sweep.advance();
-        let Some(units) = range_units(mask, *value) else { continue };
-        let echo = Echo {
+        let units = range_units(mask, *value)?;
+        Some(Echo {
             point: place_at(i32::from(units) * unit_um, direction),
             beam: beam as u16,
             cos_q14: (direction.cos_q30 >> 16) as i16,
             sin_q14: (direction.sin_q30 >> 16) as i16,
-        };
-        // Never full: a scan has at most as many beams as `points` has places.
-        let _ = points.push(echo);
-    }
-    if scanner.mirrored {
-        points.reverse();
-    }
+        })
+    })
 }
 
 /// The point at a range (below 2^29) in a direction, rounded to the nearest micrometre.
@@ -109,7 +118,7 @@ mod tests {
         scan
     }
 
-    fn levelled(scan: &RawScan, track: &RollTrack, scanner: &Scanner) -> Points {
+    fn points_of(scan: &RawScan, track: &RollTrack, scanner: &Scanner) -> Points {
         let mut points = Points::new();
         level(scan, track, scanner, &mut points);
         points
@@ -117,7 +126,7 @@ mod tests {
 
     #[test]
     fn the_first_beam_looks_right_the_middle_one_down_the_last_left() {
-        let points = levelled(&scan(|_| 2_000), &RollTrack::constant(Angle::ZERO), &Scanner::default());
+        let points = points_of(&scan(|_| 2_000), &RollTrack::constant(Angle::ZERO), &Scanner::default());
         assert_eq!(points.first().map(|e| e.point), Some(Point { y_um: -2_000_000, z_um: 0 }));
         assert_eq!(points.get(180).map(|e| e.point), Some(Point { y_um: 0, z_um: -2_000_000 }));
         assert_eq!(points.last().map(|e| e.point), Some(Point { y_um: 2_000_000, z_um: 0 }));
@@ -135,7 +144,7 @@ mod tests {
         let scan = scan(|i| 1_000 + 80 * i as u16);
         for mirrored in [false, true] {
             let scanner = Scanner { mounting_offset: offset, mirrored, ..Scanner::default() };
-            for echo in &levelled(&scan, &track, &scanner) {
+            for echo in &points_of(&scan, &track, &scanner) {
                 let beam = usize::from(echo.beam);
                 let radians = |angle: Angle| f64::from(angle.0) / 4_294_967_296.0 * core::f64::consts::TAU;
                 let theta = 0.5 * beam as f64;
@@ -159,7 +168,7 @@ mod tests {
             scan.mode.step_cdeg = step_cdeg;
             scan.layout = layout;
             scan.values = [1_000; MAX_BEAMS];
-            let points = levelled(&scan, &track, &Scanner::default());
+            let points = points_of(&scan, &track, &Scanner::default());
             assert_eq!(points.len(), scan.beams());
             for echo in &points {
                 let direction = trig::direction(scan.beam_angle(usize::from(echo.beam)));
@@ -172,9 +181,9 @@ mod tests {
 
     #[test]
     fn a_mirrored_scanner_yields_the_same_points_in_the_same_order() {
-        let points = levelled(&scan(|i| 1_000 + i as u16), &RollTrack::constant(Angle::ZERO), &Scanner::default());
+        let points = points_of(&scan(|i| 1_000 + i as u16), &RollTrack::constant(Angle::ZERO), &Scanner::default());
         let scanner = Scanner { mirrored: true, ..Scanner::default() };
-        let mirrored = levelled(&scan(|i| 1_360 - i as u16), &RollTrack::constant(Angle::ZERO), &scanner);
+        let mirrored = points_of(&scan(|i| 1_360 - i as u16), &RollTrack::constant(Angle::ZERO), &scanner);
         assert_eq!(points.len(), mirrored.len());
         for (a, b) in points.iter().zip(&mirrored) {
             let apart = a.point.y_um.abs_diff(b.point.y_um).max(a.point.z_um.abs_diff(b.point.z_um));
@@ -187,7 +196,7 @@ mod tests {
         for (measuring, top) in [(0u8, 0x1fffu16), (2, 0x1fff), (3, 0x3fff), (6, 0x7fff)] {
             let mut scan = scan(|i| if i < 10 { top - i as u16 } else { 0 });
             scan.mode.measuring = measuring;
-            let points = levelled(&scan, &RollTrack::constant(Angle::ZERO), &Scanner::default());
+            let points = points_of(&scan, &RollTrack::constant(Angle::ZERO), &Scanner::default());
             assert_eq!(points.iter().map(|e| e.beam).collect::<Vec<_, 4>>(), [9], "mode {measuring}");
         }
     }
@@ -196,7 +205,7 @@ mod tests {
     fn field_flags_above_the_range_are_masked() {
         let mut scan = scan(|_| 0xe000 | 1_500);
         scan.mode.measuring = 0;
-        let points = levelled(&scan, &RollTrack::constant(Angle::ZERO), &Scanner::default());
+        let points = points_of(&scan, &RollTrack::constant(Angle::ZERO), &Scanner::default());
         assert_eq!(points.get(180).map(|e| e.point.z_um), Some(-1_500_000));
     }
 }

@@ -11,57 +11,41 @@ mod sample;
 mod search;
 mod slope;
 
+use crossfall_protocol::Config;
 use crossfall_protocol::config::Survey;
 use crossfall_protocol::message::{Hinge, Side, flags};
 
-use crate::scan::Points;
+use crate::scan::{self, RawScan, RollTrack};
 use crate::trig;
 use hinge::{Ground, Place};
 use road::Road;
-use sample::{GRAIN_BITS, Noise, Sample, Samples};
+use sample::{GRAIN_BITS, Noise, Outward, Sample};
 use search::Wanted;
 use slope::Found;
 
-pub use sample::Outward;
+pub use sample::Samples;
 
-/// The arrays of the measuring mode, reused for both sides.
-#[derive(Debug, Default)]
-pub struct Workspace {
-    samples: Samples,
-}
-
-impl Workspace {
-    /// An empty workspace.
-    #[must_use]
-    pub const fn new() -> Self {
-        Self { samples: Samples::new() }
+/// Measures both sides of a scan, left and right. What was in `samples` before does not matter.
+pub fn measure(scan: &RawScan, track: &RollTrack, config: &Config, samples: &mut Samples) -> (Side, Side) {
+    sample::take(scan::levelled(scan, track, &config.scanner), samples);
+    if config.scanner.mirrored {
+        samples.reverse();
     }
+    let (unit_um, survey) = (scan.unit_um(), &config.survey);
+    let left = measure_side(sample::side(samples, road::INNER), Outward::Left, unit_um, survey);
+    sample::turn_round(samples);
+    (left, measure_side(sample::side(samples, road::INNER), Outward::Right, unit_um, survey))
 }
 
-/// What both sides of a scan share.
-#[derive(Clone, Copy, Debug)]
-pub struct Scan<'a> {
-    /// The levelled returns.
-    pub points: &'a Points,
-    /// Micrometres in the scanner's unit: ranges are rounded to it.
-    pub unit_um: i32,
-}
-
-/// Measures one side of a scan.
-pub fn measure(scan: &Scan<'_>, outward: Outward, survey: &Survey, work: &mut Workspace) -> Side {
-    let inner = road::INNER;
-    match outward {
-        Outward::Left => sample::take(scan.points.iter(), outward, inner, &mut work.samples),
-        Outward::Right => sample::take(scan.points.iter().rev(), outward, inner, &mut work.samples),
-    }
+/// Measures one side, whose samples go outward.
+fn measure_side(samples: &mut [Sample], outward: Outward, unit_um: i32, survey: &Survey) -> Side {
     let mut side = Side::default();
-    let prior = prior_noise(survey, scan.unit_um);
-    let Some(road) = road::find(&mut work.samples, prior) else {
+    let prior = prior_noise(survey, unit_um);
+    let Some(road) = road::find(samples, prior) else {
         side.flags = flags::NO_ROAD;
         return side;
     };
     side.road = Some(trig::slope_angle(road.fit.line.slope_q30));
-    let samples = &mut work.samples;
     let Some(departure) = road.departed_at(samples) else {
         side.flags = flags::END_UNSEEN;
         return side;

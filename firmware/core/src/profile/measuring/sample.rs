@@ -35,7 +35,7 @@ pub struct Sample {
     pub weight: u16,
 }
 
-/// The samples of one side, from a little beyond straight down on the other side outward.
+/// The samples of a scan, in the order of its beams.
 pub type Samples = Vec<Sample, MAX_BEAMS>;
 
 /// Which way is outward.
@@ -86,29 +86,35 @@ pub fn inward_of(samples: &[Sample], (u, z): (i32, i32)) -> usize {
     samples.partition_point(|s| i64::from(s.out_q14) * i64::from(z) + i64::from(s.down_q14) * i64::from(u) > 0)
 }
 
-/// Takes one side's returns out of a scan, in outward order, beginning `inner` grains on the other side.
-/// `echoes` comes in that order already.
-pub fn take<'a>(echoes: impl Iterator<Item = &'a Echo>, outward: Outward, inner: i32, samples: &mut Samples) {
+/// Takes the returns of a scan, which come from the right to the left, as samples that count outward to the left.
+///
+/// Rounding to grains is towards the sensor, so that a mirrored scan gives mirrored samples.
+pub fn take(echoes: impl Iterator<Item = Echo>, samples: &mut Samples) {
     samples.clear();
-    let sign = if outward == Outward::Left { 1 } else { -1 };
-    for echo in echoes {
-        let (y_um, z_um) = (echo.point.y_um, echo.point.z_um);
-        if y_um.abs() >= REACH_UM || z_um.abs() >= REACH_UM {
-            continue;
-        }
-        let u = (sign * y_um) >> GRAIN_BITS;
-        if u < -inner {
-            continue;
-        }
-        let sample = Sample {
-            u,
-            z: z_um >> GRAIN_BITS,
-            out_q14: -(sign as i16) * echo.cos_q14,
-            down_q14: echo.sin_q14,
-            beam: echo.beam,
-            weight: 0,
-        };
-        // Never full: a scan has no more echoes than there are places.
-        let _ = samples.push(sample);
+    let near = |echo: &Echo| echo.point.y_um.abs() < REACH_UM && echo.point.z_um.abs() < REACH_UM;
+    // Never full: a scan has no more echoes than there are places.
+    samples.extend(echoes.filter(near).map(|echo| Sample {
+        u: echo.point.y_um / (1 << GRAIN_BITS),
+        z: echo.point.z_um >> GRAIN_BITS,
+        out_q14: -echo.cos_q14,
+        down_q14: echo.sin_q14,
+        beam: echo.beam,
+        weight: 0,
+    }));
+}
+
+/// Turns the samples of a scan round: from those that count outward to the left to those that count outward to the right, or back.
+pub fn turn_round(samples: &mut Samples) {
+    samples.reverse();
+    for sample in samples {
+        (sample.u, sample.out_q14) = (-sample.u, -sample.out_q14);
     }
+}
+
+/// One side's samples: from `inner` grains on the other side of straight down outward.
+pub fn side(samples: &mut Samples, inner: i32) -> &mut [Sample] {
+    // Strays on the other side may seem near: the side begins where the ground nearest to straight down passes the border.
+    let down = samples.partition_point(|s| s.out_q14 < 0);
+    let before = samples.iter().take(down).rposition(|s| s.u < -inner);
+    samples.get_mut(before.map_or(0, |last| last + 1)..).unwrap_or_default()
 }
