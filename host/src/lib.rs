@@ -24,3 +24,4 @@ pub mod terrain;
 pub mod toml_file;
 pub mod track;
 pub mod verify;
+pub mod words;

@@ -6,6 +6,7 @@ mod config;
 mod demo;
 mod import;
 mod info;
+mod messages;
 mod plot;
 mod profiles;
 mod progress;
@@ -59,6 +60,7 @@ pub enum Command {
     Risk(risk::Args),
     Reproduce(reproduce::Args),
     Info(info::Args),
+    Messages(messages::Args),
     Config(config::Args),
     Completions(completions::Args),
 }
@@ -94,6 +96,7 @@ impl Command {
             Self::Risk(args) => risk::run(&args),
             Self::Reproduce(args) => reproduce::run(&args),
             Self::Info(args) => info::run(&args),
+            Self::Messages(args) => messages::run(&args),
             Self::Config(args) => config::run(&args),
             Self::Completions(args) => completions::run(&args),
         }
