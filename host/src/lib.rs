@@ -4,6 +4,7 @@
 pub mod accuracy;
 pub mod calibrate;
 pub mod capture;
+pub mod compare;
 pub mod config;
 pub mod container;
 pub mod emulated;
@@ -16,6 +17,7 @@ pub mod plot;
 pub mod profiles;
 pub mod record;
 pub mod replay;
+pub mod reproduce;
 pub mod run;
 pub mod section;
 pub mod simulate;

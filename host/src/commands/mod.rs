@@ -1,6 +1,7 @@
 //! One file a subcommand; its first comment is its manual.
 
 mod calibrate;
+mod compare;
 mod completions;
 mod config;
 mod demo;
@@ -56,6 +57,7 @@ pub enum Command {
     Verify(verify::Args),
     Profiles(profiles::Args),
     Calibrate(calibrate::Args),
+    Compare(compare::Args),
     Plot(plot::Args),
     Risk(risk::Args),
     Reproduce(reproduce::Args),
@@ -92,6 +94,7 @@ impl Command {
             Self::Verify(args) => verify::run(&args),
             Self::Profiles(args) => profiles::run(&args),
             Self::Calibrate(args) => calibrate::run(&args),
+            Self::Compare(args) => compare::run(&args),
             Self::Plot(args) => plot::run(&args),
             Self::Risk(args) => risk::run(&args),
             Self::Reproduce(args) => reproduce::run(&args),
