@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 pub mod emulator;
+pub mod fuzzing;
 pub use crossfall::emulated::scanner as lms_emulator;
 
 use std::path::PathBuf;

@@ -11,11 +11,12 @@ use std::time::Instant;
 use anyhow::Context;
 use crossfall::accuracy::{Accuracy, hold_against};
 use crossfall::capture::{Reader, Writer};
+use crossfall::drive::Drive;
 use crossfall::output::Output;
 use crossfall::profiles::{Row, Rows, write_csv};
 use crossfall::simulate::scene::{Mode, Scene};
 use crossfall::simulate::{self, truth};
-use crossfall::{emulated, info, log, output, verify};
+use crossfall::{emulated, info, log, output, report, verify};
 use crossfall_core::protocol::Config;
 
 use super::progress::Progress;
@@ -120,14 +121,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
 
     let mut table = Output::create(&file("profiles.csv"))?;
-    write_csv(&mut Rows::open(&log_path)?, &mut table, |_| ()).context("profiles.csv")?;
+    write_csv(&mut Rows::open(&log_path)?, &mut table).context("profiles.csv")?;
     table.commit()?;
     let rows: Vec<Row> = Rows::open(&log_path)?.collect();
     let accuracy = hold_against(&rows, &made.truth);
     let along_road = scene.sections.mode != Mode::RandomPerScan;
-    draw(args, &rows, if along_road { &made.truth } else { &[] }, &log_path)?;
+    draw(args, if along_road { &made.truth } else { &[] }, &log_path)?;
     tell!(
-        "made       {}: drive.mcap, drive.log.mcap, truth.csv, profiles.csv, section-*.svg, slopes.svg",
+        "made       {}: drive.mcap, drive.log.mcap, truth.csv, profiles.csv, section-*.svg, slopes.svg, report.html",
         folder.display()
     );
 
@@ -205,7 +206,7 @@ fn in_emulator(
     Ok(!losses.is_empty() || missing_frames + rejected > 0 || played.unsent > 0)
 }
 
-fn draw(args: &Args, rows: &[Row], truth: &[truth::Row], log: &Path) -> anyhow::Result<()> {
+fn draw(args: &Args, truth: &[truth::Row], log: &Path) -> anyhow::Result<()> {
     // Sections of a drive vary along the road and can be drawn over it; independent ones cannot.
     let start = truth.first().map_or(0.0, |row| row.station_m);
     let along = |slope: fn(&truth::Row) -> f64| truth.iter().map(|row| (row.station_m - start, slope(row))).collect();
@@ -222,11 +223,14 @@ fn draw(args: &Args, rows: &[Row], truth: &[truth::Row], log: &Path) -> anyhow::
             fs::remove_file(entry.path())?;
         }
     }
-    plot::slopes(rows, &truth, args.theme.into(), &args.output)?;
-    if !rows.is_empty() {
-        plot::one_section(log, plot::typical(rows), args.theme.into(), &args.output)?;
+    let drive = Drive::read(log, |_| ())?;
+    let canvas = plot::Canvas { folder: &args.output, format: plot::Format::Svg, theme: args.theme.into() };
+    plot::slopes(&canvas, std::slice::from_ref(&drive), &[], &truth)?;
+    if !drive.scans.is_empty() {
+        plot::one_section(&canvas, log, plot::typical(&drive), &mut Vec::new())?;
     }
-    Ok(())
+    let page = report::page(&drive, "A simulated drive");
+    Ok(output::write(&args.output.join("report.html"), page.as_bytes())?)
 }
 
 /// The table for people.

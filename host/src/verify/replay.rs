@@ -5,8 +5,8 @@ use std::collections::VecDeque;
 use crossfall_core::attitude::HISTORY;
 use crossfall_core::clock::WINDOW;
 use crossfall_core::instrument::{ClockReplay, Event, Survey, WAITING};
-use crossfall_core::protocol::DeviceTime;
 use crossfall_core::protocol::message::{Message, Pose, Profile, Pulse, ScanMode, Session, Skip};
+use crossfall_core::protocol::{Config, DeviceTime};
 use crossfall_core::scan::{MAX_BEAMS, RawScan};
 
 /// How much must have come since a gap before answers count again.
@@ -15,6 +15,8 @@ struct Unsure {
     poses: usize,
     scans: usize,
     pulses: usize,
+    /// Until a configuration has come: nothing says which was in force.
+    config: bool,
 }
 
 /// The survey layer and the clock of a second instrument.
@@ -67,7 +69,16 @@ impl Replay {
     /// Something was lost here.
     pub fn gap(&mut self) {
         // Two histories of poses, as a lost clock frame may have changed which of them count.
-        self.unsure = Unsure { poses: 2 * HISTORY, scans: 2 * WAITING, pulses: WINDOW + 4 };
+        self.unsure = Unsure { poses: 2 * HISTORY, scans: 2 * WAITING, pulses: WINDOW + 4, ..self.unsure };
+    }
+
+    /// The log begins while the board is at work. What it says of the configuration is all that is known.
+    pub fn begin_midway(&mut self, config: Option<&Config>) {
+        self.unsure.config = config.is_none();
+        self.gap();
+        if let Some(config) = config {
+            self.survey(&Message::Config(*config));
+        }
     }
 
     /// The board has booted.
@@ -81,7 +92,13 @@ impl Replay {
         self.join(message);
         match message {
             Message::Profile(profile) => self.compare(profile, problems),
+            Message::Config(_) => {
+                self.unsure.config = false;
+                self.survey(message);
+            }
             Message::Skip(skip) => self.skip = Some(*skip),
+            // A mapping that no pulse of this log has made: the log begins within a drive.
+            Message::Clock(_) if self.clock.state().is_none() => self.unsure.pulses = WINDOW + 4,
             Message::Pulse(pulse) => {
                 self.unsure.pulses = self.unsure.pulses.saturating_sub(1);
                 let verdict = self.clock.pulse(pulse);
@@ -108,6 +125,11 @@ impl Replay {
             }
             Message::Scan(scan) => {
                 self.unsure.scans = self.unsure.scans.saturating_sub(1);
+                if !self.survey.is_running() {
+                    // Scans are streamed within a survey only: its start was lost.
+                    self.gap();
+                    self.survey(&Message::Session(Session::Started(scan.stx)));
+                }
                 if self.skip.take() == Some(Skip::Scan(scan.index)) {
                     return;
                 }
@@ -163,7 +185,7 @@ impl Replay {
     }
 
     fn is_unsure(&self) -> bool {
-        self.unsure.poses > 0 || self.unsure.scans > 0
+        self.unsure.poses > 0 || self.unsure.scans > 0 || self.unsure.config
     }
 
     fn compare(&mut self, profile: &Profile, problems: &mut Vec<String>) {

@@ -4,7 +4,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use crate::shell::{self, Tally};
-use crate::{setup, size};
+use crate::{fuzz, setup, size};
 
 type Step = (&'static str, &'static str, fn(&mut Tally) -> Result<(), String>);
 
@@ -18,6 +18,7 @@ const STEPS: &[Step] = &[
     ("licences", "licences, bans and sources of every dependency", licences),
     ("size", "the board's image within its budget", |_| size::check()),
     ("unit", "every test of the workspace, recordings and emulated board included", unit),
+    ("fuzz", "with --long: libFuzzer over every target, a minute each", fuzz::step),
 ];
 
 fn lint(tally: &mut Tally) -> Result<(), String> {
