@@ -140,10 +140,10 @@ fn soak(seconds: u64) -> Result<Vec<String>, Failure> {
     expect("restarts", board.link.losses().1, 0);
     expect("bytes that are no frame", board.link.counters().rejected(), 0);
     let stacks = stacks.into_inner();
-    if let (Some(&settled), Some(&last)) = (stacks.get(SETTLED), stacks.last()) {
-        if last > settled + COINCIDENCE {
-            problems.push(format!("the stack grows: {settled} bytes after two minutes and a half, {last} at the end"));
-        }
+    if let (Some(&settled), Some(&last)) = (stacks.get(SETTLED), stacks.last())
+        && last > settled + COINCIDENCE
+    {
+        problems.push(format!("the stack grows: {settled} bytes after two minutes and a half, {last} at the end"));
     }
     Ok(problems)
 }
