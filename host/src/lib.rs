@@ -111,3 +111,4 @@ pub mod toml_file;
 pub mod track;
 pub mod verify;
 pub mod walk;
+pub mod words;

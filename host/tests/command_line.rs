@@ -85,6 +85,21 @@ fn the_demo_proves_itself() {
 }
 
 #[test]
+fn the_emulated_demo_says_what_it_lacks() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_crossfall"))
+        .args(["demo", "--device", "emulated", "--seconds", "1"])
+        .current_dir(folder.path())
+        .env("PATH", folder.path())
+        .stdin(Stdio::null())
+        .output()
+        .expect("the binary runs");
+    let error = ends(&output, 1);
+    assert!(error.contains("qemu-system-arm is not installed: `apt install qemu-system-arm`"), "{error}");
+    assert_eq!(names(folder.path()), [""; 0]);
+}
+
+#[test]
 fn the_same_seed_gives_the_same_file() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["a.mcap", "b.mcap"] {
@@ -269,6 +284,7 @@ fn help_is_as_it_was() {
         "profiles",
         "plot",
         "info",
+        "messages",
         "config",
         "completions",
     ];

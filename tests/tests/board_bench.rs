@@ -11,8 +11,9 @@ use crossfall::{capture, log, run, simulate};
 use crossfall_core::protocol::Config;
 use crossfall_tests::emulator::{Image, image};
 
-/// Scans of the hard kind: random sections, 10 mm noise, grass, strays. `CROSSFALL_BENCH_SCANS` asks for more.
-const SCANS: u32 = 2_000;
+/// Scans of the hard kind: random sections, 10 mm noise, grass, strays; ten thousand with `cargo xtask test --long`.
+/// `CROSSFALL_BENCH_SCANS` asks for another number.
+const SCANS: (u32, u32) = (2_000, 10_000);
 
 /// Instructions that a scan may cost from ranges to intervals, both sides: what is reached (399,613 and 474,304), with a little room, so that
 /// a change for the worse shows. 26.64 ms at 168 MHz are 4.5 million. docs/performance.md has where they go.
@@ -86,8 +87,9 @@ fn bench(image: &Path, folder: &Path, scans: u32) -> String {
 
 #[test]
 fn instructions_are_within_bounds_and_results_equal_to_the_hosts() {
+    let usual = if std::env::var_os("CROSSFALL_LONG").is_some() { SCANS.1 } else { SCANS.0 };
     let scans =
-        std::env::var("CROSSFALL_BENCH_SCANS").ok().map_or(SCANS, |text| text.parse().expect("a number of scans"));
+        std::env::var("CROSSFALL_BENCH_SCANS").ok().map_or(usual, |text| text.parse().expect("a number of scans"));
     let scratch = tempfile::tempdir().expect("a scratch folder");
     host_run(scratch.path(), scans).expect("a run on the host");
     let image = image(Image::Bench);

@@ -19,7 +19,7 @@ const SECONDS: (f64, f64) = (15.0, 60.0);
 const ROLL_RATE_DEG_S: f64 = 1.2 * 0.8 * 6.284 + 0.25 * 1.9 * 6.284;
 
 /// What static RAM and the stack may come to together. The aim is 64 KiB (docs/hardware.md).
-const RAM_AND_STACK: u32 = 71 * 1024;
+const RAM_AND_STACK: u32 = 67 * 1024;
 
 #[test]
 fn a_drive_at_half_rate_loses_nothing_verifies_and_is_as_accurate_as_in_process() {
@@ -102,22 +102,24 @@ fn compare(board: &Path, in_process: &Path, offset_us: i64) {
     };
     let (board, in_process) = (rows(board), rows(in_process));
     assert_eq!(board.len(), in_process.len());
-    let (mut compared, mut punctual, mut squares, mut latest_us) = (0, 0, 0.0, 0);
+    let (mut compared, mut punctual, mut regrouped, mut squares, mut latest_us) = (0, 0, 0, 0.0, 0);
     for (key, ours) in &in_process {
         let theirs = &board[key];
         let late_us = theirs.time.0 as i64 - offset_us - ours.time.0 as i64;
         assert!(late_us >= -50, "scan {}: {late_us} us too early", key.0);
         latest_us = latest_us.max(late_us);
-        let allowed_deg = 0.005 + ROLL_RATE_DEG_S * late_us.unsigned_abs() as f64 * 1e-6;
+        let rolled_deg = ROLL_RATE_DEG_S * late_us.unsigned_abs() as f64 * 1e-6;
         for (ours, theirs) in [(ours.adjacent, theirs.adjacent), (ours.opposing, theirs.opposing)] {
             let (Some(ours), Some(theirs)) = (ours, theirs) else { continue };
             let difference = theirs.slope_deg - ours.slope_deg;
+            compared += 1;
+            // Another roll may put another return on the line or off it: what that does is bounded, and rare.
             assert!(
-                difference.abs() <= allowed_deg,
+                difference.abs() <= 0.15 + rolled_deg,
                 "scan {}: {difference:.4} degrees from the same scan's in process, {late_us} us late",
                 key.0
             );
-            compared += 1;
+            regrouped += u32::from(difference.abs() > 0.005 + rolled_deg);
             if late_us.abs() < 500 {
                 punctual += 1;
                 squares += difference * difference;
@@ -128,5 +130,7 @@ fn compare(board: &Path, in_process: &Path, offset_us: i64) {
     println!(
         "{compared} slopes; {punctual} of telegrams on time, {rms:.5} degrees RMS from those in process; {latest_us} us late at worst"
     );
+    assert!(regrouped * 50 <= compared, "{regrouped} of {compared} slopes differ by more than the roll");
+    assert!(punctual < 50 || rms < 0.01, "{rms} degrees RMS of telegrams on time");
     assert!(compared as usize * 100 >= in_process.len() * 2 * 98, "{compared} of {} slopes", in_process.len() * 2);
 }

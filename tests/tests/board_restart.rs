@@ -3,6 +3,7 @@
 
 use std::time::Duration;
 
+use crossfall::{log, words};
 use crossfall_core::protocol::message::Message;
 use crossfall_tests::emulator::{Emulator, Failure, Image, Options, image};
 
@@ -35,4 +36,37 @@ fn every_failure_is_named_in_the_next_hello() {
     }
     // The failure is told once: one boot later, only the command to identify brings a hello, with the same reason.
     assert_eq!(board.link.losses().1, 4, "restarts that the sequence numbers show");
+}
+
+#[test]
+fn bench_messages_are_read_against_the_image() {
+    let path = image(Image::Board);
+    let board = Emulator::start(&path, &Options::default()).expect("a board");
+    let status = |message: &Message<'_>| matches!(message, Message::Status(_)).then_some(());
+    board.link.wait_for(0, PATIENCE, status).expect("a running board");
+    let scratch = tempfile::tempdir().expect("a scratch folder");
+    let log_path = scratch.path().join("board.mcap");
+    let mut writer = log::Writer::create(&log_path).expect("a log");
+    for (receive_ns, frame) in board.link.stamped_frames() {
+        writer.frame(receive_ns, &frame).expect("room on the disk");
+    }
+    writer.finish().expect("a whole log");
+
+    let read = |table: Option<&words::Table>| {
+        let mut lines = Vec::new();
+        let untold = words::read(&log_path, table, |line| -> Result<(), crossfall::container::Error> {
+            lines.push(line);
+            Ok(())
+        });
+        (lines, untold.expect("a readable log"))
+    };
+    let table = words::table(&path).expect("an image");
+    let (lines, untold) = read(Some(&table));
+    println!("{lines:#?}");
+    assert_eq!(untold, words::Untold::default());
+    let bench: Vec<_> = lines.iter().filter(|line| line.defmt).map(|line| (line.level, line.text.as_str())).collect();
+    assert_eq!(bench, [("info", "crossfall 0.1.0 on olimex-stm32-h405, boot 1, Emulated")]);
+    let (lines, untold) = read(None);
+    assert!(lines.iter().all(|line| !line.defmt) && untold.defmt_bytes > 40, "{untold:?}");
+    assert!(words::table(&log_path).is_err());
 }

@@ -1,6 +1,6 @@
 //! The link's tasks: frames out, commands in, profiles and log lines into the stream, time.
 
-use crossfall_protocol::frame::{BoardDecoder, Event};
+use crossfall_protocol::frame::{BoardDecoder, DELIMITER, Event};
 use crossfall_protocol::message::Level;
 use embassy_time::{Duration, Ticker, Timer};
 use embedded_io_async::{Read, Write};
@@ -22,6 +22,8 @@ const AFTER_ERROR: Duration = Duration::from_millis(100);
 /// Writes frames to the link for ever.
 pub async fn send<W: Write>(queue: &Queue, mut link: W) -> ! {
     let mut chunk = [0; CHUNK];
+    // Whatever a restart has cut off ends here: it must not take the hello, which tells of the restart, with it.
+    let _unsent = link.write_all(&[DELIMITER]).await;
     loop {
         let count = queue.read(&mut chunk).await;
         let bytes = chunk.get(..count).unwrap_or_default();

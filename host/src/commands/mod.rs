@@ -9,6 +9,7 @@ mod demo;
 mod export;
 mod import;
 mod info;
+mod messages;
 mod monitor;
 mod plot;
 mod profiles;
@@ -73,6 +74,7 @@ pub enum Command {
     Risk(risk::Args),
     Reproduce(reproduce::Args),
     Info(info::Args),
+    Messages(messages::Args),
     Config(config::Args),
     Completions(completions::Args),
 }
@@ -115,6 +117,7 @@ impl Command {
             Self::Risk(args) => risk::run(&args),
             Self::Reproduce(args) => reproduce::run(&args),
             Self::Info(args) => info::run(&args),
+            Self::Messages(args) => messages::run(&args),
             Self::Config(args) => config::run(&args),
             Self::Completions(args) => completions::run(&args),
         }

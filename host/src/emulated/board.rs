@@ -59,6 +59,7 @@ pub enum Failure {
 #[derive(Debug)]
 pub struct SensorEnd {
     stream: TcpStream,
+    sent: u64,
 }
 
 /// A running board.
@@ -122,8 +123,8 @@ impl Emulator {
         Ok(Self {
             commands: link.try_clone()?,
             link: Collector::start(link),
-            lidar: SensorEnd { stream: lidar },
-            ins: SensorEnd { stream: ins },
+            lidar: SensorEnd { stream: lidar, sent: 0 },
+            ins: SensorEnd { stream: ins, sent: 0 },
             pulse,
             sequencer: Sequencer::new(),
             monitor: Monitor::open(monitor)?,
@@ -253,7 +254,15 @@ impl SensorEnd {
     /// # Errors
     /// When QEMU has gone.
     pub fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.stream.write_all(bytes)
+        self.stream.write_all(bytes)?;
+        self.sent += bytes.len() as u64;
+        Ok(())
+    }
+
+    /// Bytes sent so far. What the board has taken of them is in its status: QEMU, on a busy host, may be seconds behind.
+    #[must_use]
+    pub fn sent(&self) -> u64 {
+        self.sent
     }
 
     /// What the board has sent, after waiting for it at most `patience`; empty when that is nothing.

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use crossfall_core::protocol::Config;
-use crossfall_core::protocol::message::{Command, Message, Outcome, Session, Skip, Status};
+use crossfall_core::protocol::message::{Command, LineCounters, Message, Outcome, Session, Skip, Status};
 use crossfall_core::protocol::schema;
 
 use super::scanner::{Mode, Scanner};
@@ -144,12 +144,27 @@ fn greet(board: &Emulator) -> Result<(), Error> {
 }
 
 impl Emulator {
+    /// Waits until the board has taken every byte that was sent to it; whether it has. QEMU reads its connections when it comes to it, which on a busy
+    /// host is behind the board's own clock.
+    pub fn arrived(&self, limit: Duration) -> bool {
+        let (lidar, ins) = (self.lidar.sent(), self.ins.sent());
+        let all = |message: &Message<'_>| match message {
+            Message::Status(status) => {
+                let taken = |line: &LineCounters| line.bytes + u64::from(line.overruns);
+                (taken(&status.lidar) >= lidar && taken(&status.ins) >= ins).then_some(())
+            }
+            _ => None,
+        };
+        self.link.wait_for(0, limit, all).is_some()
+    }
+
     /// Stops the survey and waits until every scan has its profile or was announced as skipped; the status after that, which counts
     /// everything.
     ///
     /// # Errors
     /// When QEMU has gone, or when one of the three things does not happen within `limit`.
     pub fn stop(&mut self, limit: Duration) -> io::Result<Status> {
+        self.arrived(limit);
         let late = |what: &str| io::Error::new(ErrorKind::TimedOut, format!("no {what} within {} s", limit.as_secs()));
         let from = self.link.len();
         self.command(&Command::Stop)?;

@@ -31,7 +31,8 @@ pub fn noise(index: u32) -> u32 {
 
 /// Estimate from the ranges, `is_range` telling which values are any; `interlaced` when the odd beams may be turned.
 pub fn estimate(values: &[u16], interlaced: bool, is_range: impl Fn(u16) -> bool) -> Estimate {
-    let mut odd_beams = [(0_i32, 0_i32); MAX_VALUES / 2];
+    // Ranges are below 2^15, and so are a difference of two and one from their mean: 16 bits hold both, which halves the stack.
+    let mut odd_beams = [(0_i16, 0_i16); MAX_VALUES / 2];
     let mut count = 0;
     for beams in values.windows(3).step_by(2) {
         let (&[a, beam, b], Some(place)) = (beams, odd_beams.get_mut(count)) else { continue };
@@ -43,7 +44,7 @@ pub fn estimate(values: &[u16], interlaced: bool, is_range: impl Fn(u16) -> bool
         if slant.unsigned_abs() * 5 <= a + b {
             // Both are ranges, below 2^15: the product is below 2^31.
             let mean = 2 * a * b / (a + b).max(1);
-            *place = (slant, mean as i32 - i32::from(beam));
+            *place = (slant as i16, (mean as i32 - i32::from(beam)) as i16);
             count += 1;
         }
     }
@@ -54,7 +55,8 @@ pub fn estimate(values: &[u16], interlaced: bool, is_range: impl Fn(u16) -> bool
         turn = fit(odd_beams, |slant, miss| left(slant, miss, turn) <= near(slant));
     }
     let shift = ((i64::from(turn) * TWO_STEPS) >> 16) as i32;
-    let rest = odd_beams.iter().map(|&(slant, miss)| left(slant, miss, turn).min(near(slant)) as u32);
+    let wide = odd_beams.iter().map(|&(slant, miss)| (i32::from(slant), i32::from(miss)));
+    let rest = wide.map(|(slant, miss)| left(slant, miss, turn).min(near(slant)) as u32);
     // A deviation from the mean of two neighbours is 1.22 times one's own; 213/256 takes that off.
     let mean = rest.sum::<u32>() * 213 / (count as u32).max(1);
     let noise = (0..15).find(|&index| noise(index) + noise(index) / 5 >= mean).unwrap_or(15);
@@ -62,9 +64,10 @@ pub fn estimate(values: &[u16], interlaced: bool, is_range: impl Fn(u16) -> bool
 }
 
 /// Turn of the odd beams in 1/65,536 of two steps, from pairs of slant and miss, those that `keep` keeps.
-fn fit(odd_beams: &[(i32, i32)], keep: impl Fn(i32, i32) -> bool) -> i32 {
+fn fit(odd_beams: &[(i16, i16)], keep: impl Fn(i32, i32) -> bool) -> i32 {
     let (mut across, mut along) = (0_i64, 0_i64);
     for &(slant, miss) in odd_beams {
+        let (slant, miss) = (i32::from(slant), i32::from(miss));
         if keep(slant, miss) {
             across += i64::from(slant) * i64::from(miss);
             along += i64::from(slant) * i64::from(slant);

@@ -55,11 +55,24 @@ const fn count(layout: u16) -> usize {
 /// count as 0. The count word and the mode only steer the prediction: any values at all are kept.
 pub fn encode<'a>(layout: u16, mode: ScanMode, values: &[u16], out: &'a mut [u8; MAX_CODE]) -> &'a [u8] {
     let count = count(layout).min(MAX_VALUES);
+    match values.get(..count) {
+        Some(values) => encode_all(layout, mode, values, out),
+        None => encode_short(layout, mode, values, out),
+    }
+}
+
+/// Values of which some are lacking. Out of line: a whole scan, which is the rule, must not pay for this copy with its stack.
+#[inline(never)]
+fn encode_short<'a>(layout: u16, mode: ScanMode, values: &[u16], out: &'a mut [u8; MAX_CODE]) -> &'a [u8] {
     let mut whole = [0; MAX_VALUES];
-    for (place, &value) in whole.iter_mut().zip(values).take(count) {
+    for (place, &value) in whole.iter_mut().zip(values) {
         *place = value;
     }
-    let values = whole.get(..count).unwrap_or_default();
+    encode_all(layout, mode, whole.get(..count(layout)).unwrap_or(&whole), out)
+}
+
+fn encode_all<'a>(layout: u16, mode: ScanMode, values: &[u16], out: &'a mut [u8; MAX_CODE]) -> &'a [u8] {
+    let count = values.len();
     // A code as long as the values would be taken for them: it must be shorter.
     let room = out.get_mut(..(2 * count).saturating_sub(1)).unwrap_or_default();
     if let Some(len) = code::write(Geometry::of(layout, mode), values, room) {

@@ -17,8 +17,10 @@ const SECONDS: u64 = 600;
 /// How often the board is looked at, in seconds of the drive.
 const LOOK_S: u64 = 30;
 
-/// The stack has seen every path by now: from here on it may not grow, in looks.
+/// The stack has seen every path by now, in looks. What may still come is that two of the deepest meet, or interrupts on top of them: less than
+/// this, in bytes, whatever the time.
 const SETTLED: usize = 4;
+const COINCIDENCE: u32 = 512;
 
 /// How long the bring-up and the end may take.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -138,8 +140,10 @@ fn soak(seconds: u64) -> Result<Vec<String>, Failure> {
     expect("restarts", board.link.losses().1, 0);
     expect("bytes that are no frame", board.link.counters().rejected(), 0);
     let stacks = stacks.into_inner();
-    if let (Some(&settled), Some(&last)) = (stacks.get(SETTLED), stacks.last()) {
-        expect("stack at the end, in bytes", last.into(), settled.into());
+    if let (Some(&settled), Some(&last)) = (stacks.get(SETTLED), stacks.last())
+        && last > settled + COINCIDENCE
+    {
+        problems.push(format!("the stack grows: {settled} bytes after two minutes and a half, {last} at the end"));
     }
     Ok(problems)
 }

@@ -64,7 +64,7 @@ const STACK_STEP: usize = 256;
 const FIRMWARE: &str = concat!("crossfall ", env!("CARGO_PKG_VERSION"));
 const BOARD: &str = "olimex-stm32-h405";
 
-/// Rings of 10 ms at 500 kbaud, 22 ms at 115,200 baud and 2.5 ms of commands; readers come every millisecond.
+/// Rings of 10 ms at 500 kbaud, 22 ms at 115,200 baud and 2.5 ms of commands; readers come every millisecond and hold 64 bytes meanwhile.
 static LIDAR: Port<512, 64> = Port::new(pac::USART3);
 static INS: Port<256, 64> = Port::new(pac::UART4);
 static LINK: Port<256, 512> = Port::new(pac::USART2);

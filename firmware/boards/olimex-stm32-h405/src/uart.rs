@@ -77,7 +77,7 @@ impl<const RX: usize, const TX: usize> Port<RX, TX> {
             w.set_te(true);
             w.set_rxneie(true);
         });
-        let receiver = Receiver { port: self, stamps: [0; CHUNK], read_at: (0, DeviceTime(0)) };
+        let receiver = Receiver { port: self, count: 0, read_at: (0, DeviceTime(0)) };
         Line { receiver, sender: Sender { port: self }, bus_hz }
     }
 
@@ -142,14 +142,20 @@ impl<const RX: usize, const TX: usize> Port<RX, TX> {
         .await;
     }
 
-    fn pop(&self) -> Option<(u8, u32)> {
+    /// Byte `k` of the ring and the low 24 bits of its stamp. What it holds stays there until it is let go.
+    fn entry(&self, k: usize) -> (u8, u32) {
+        let at = (self.taken.load(Ordering::Relaxed) as usize).wrapping_add(k);
+        let entry = self.ring[at % RX].load(Ordering::Relaxed);
+        (entry as u8, entry >> 8)
+    }
+
+    /// Lets go of the oldest bytes, of which there are at least so many.
+    fn let_go(&self, count: usize) {
         let taken = self.taken.load(Ordering::Relaxed);
-        if taken == self.put.load(Ordering::Acquire) {
-            return None;
+        self.taken.store(taken.wrapping_add(count as u32), Ordering::Release);
+        if HOLD_BACK.load(Ordering::Relaxed) {
+            critical_section::with(|_| self.usart.cr1().modify(|w| w.set_rxneie(true)));
         }
-        let entry = self.ring[taken as usize % RX].load(Ordering::Relaxed);
-        self.taken.store(taken.wrapping_add(1), Ordering::Release);
-        Some((entry as u8, entry >> 8))
     }
 }
 
@@ -163,8 +169,8 @@ pub struct Line<const RX: usize, const TX: usize> {
 /// The reader of an open [`Port`].
 pub struct Receiver<const RX: usize, const TX: usize> {
     port: &'static Port<RX, TX>,
-    /// Stamps of the bytes of the latest read, 24 bits each.
-    stamps: [u32; CHUNK],
+    /// Bytes of the latest read: they stay in the ring, with their stamps, until the next.
+    count: usize,
     /// The counter after that read, and its device time.
     read_at: (u32, DeviceTime),
 }
@@ -201,28 +207,24 @@ impl<const RX: usize, const TX: usize> Read for Receiver<RX, TX> {
             return Ok(0);
         }
         let port = self.port;
+        port.let_go(core::mem::take(&mut self.count));
         port.wait_for(1).await;
         if port.held() < CHUNK {
             select(port.wait_for(CHUNK), Timer::after(GATHER)).await;
         }
-        let mut count = 0;
-        for (slot, stamp) in into.iter_mut().zip(&mut self.stamps) {
-            let Some((byte, at)) = port.pop() else { break };
-            (*slot, *stamp) = (byte, at);
-            count += 1;
-        }
-        if HOLD_BACK.load(Ordering::Relaxed) {
-            critical_section::with(|_| port.usart.cr1().modify(|w| w.set_rxneie(true)));
+        self.count = port.held().min(CHUNK).min(into.len());
+        for (k, slot) in into.iter_mut().take(self.count).enumerate() {
+            *slot = port.entry(k).0;
         }
         let counter = time::counter();
         self.read_at = (counter, time::extend(counter));
-        Ok(count)
+        Ok(self.count)
     }
 }
 
 impl<const RX: usize, const TX: usize> StampedRead for Receiver<RX, TX> {
     fn arrival(&self, k: usize) -> DeviceTime {
-        let stamp = self.stamps.get(k).copied().unwrap_or_default();
+        let (_, stamp) = self.port.entry(k);
         let (counter, time) = self.read_at;
         let age = counter.wrapping_sub(stamp) & STAMP_MASK;
         time.offset(-i64::from(age))

@@ -1,0 +1,47 @@
+//! `crossfall messages`: what the board has said in words during a recording: how its sensors came up, what went wrong, and, against the image
+//! that ran on it, its bench messages.
+
+use std::path::PathBuf;
+
+use anyhow::Context;
+use crossfall::words;
+
+use super::{Outcome, say, tell};
+
+/// What the board said in words
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  crossfall messages drive.log.mcap
+  crossfall messages drive.log.mcap --elf firmware/boards/olimex-stm32-h405/target/thumbv7em-none-eabihf/release/crossfall-board")]
+pub struct Args {
+    /// The log
+    log: PathBuf,
+    /// The image that ran on the board: its bench messages (defmt) become readable
+    #[arg(long, value_name = "ELF")]
+    elf: Option<PathBuf>,
+    /// Print a JSON object a line for machines
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let table = args.elf.as_deref().map(words::table).transpose()?;
+    let untold = words::read(&args.log, table.as_ref(), |line| -> anyhow::Result<()> {
+        if args.json {
+            return Ok(say(&serde_json::to_string(&line).context("a line")?)?);
+        }
+        let bench = if line.defmt { " (bench)" } else { "" };
+        Ok(say(&format!("{:12.6} s  {:5} {}{bench}", line.device_time_us as f64 * 1e-6, line.level, line.text))?)
+    })?;
+    if untold.defmt_bytes > 0 {
+        tell!("{} bytes of bench messages; --elf, with the board's image, makes them readable", untold.defmt_bytes);
+    }
+    if untold.malformed > 0 {
+        tell!("{} bench messages do not decode: is this the image that ran?", untold.malformed);
+    }
+    if untold.broken > 0 {
+        tell!("{} broken frames, which may have held more", untold.broken);
+    }
+    Ok(Outcome::lost_if(untold.malformed > 0 || untold.broken > 0))
+}
