@@ -24,7 +24,9 @@ fn main() {
     println!("{HEAD}");
     for (name, noise_m) in [("3.5 mm", 0.0035), ("10 mm", 0.010)] {
         println!("## {name} range noise, {sections} sections a set, both sides\n");
-        println!("| set | found, % | RMS, degrees | median, degrees | above 1 degree | 95 % interval holds, % | false | flags on more than 2 % of the sides |");
+        println!(
+            "| set | found, % | RMS, degrees | median, degrees | above 1 degree | 95 % interval holds, % | false | flags on more than 2 % of the sides |"
+        );
         println!("|---|---|---|---|---|---|---|---|");
         for family in families::second(noise_m) {
             let tally = run(&family, sections, SEED);

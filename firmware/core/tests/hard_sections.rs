@@ -30,16 +30,10 @@ fn both(tally: &Tally) -> [(&'static str, &Errors); 2] {
 
 #[test]
 fn what_is_only_unusual_is_found_and_right() {
-    for (seed, name) in [
-        "4 to 18 degrees",
-        "1.5 to 10 m",
-        "V ditch",
-        "edge rounded over 0.5 m",
-        "dropouts 10 %",
-        "roll to 5 degrees",
-    ]
-    .into_iter()
-    .enumerate()
+    for (seed, name) in
+        ["4 to 18 degrees", "1.5 to 10 m", "V ditch", "edge rounded over 0.5 m", "dropouts 10 %", "roll to 5 degrees"]
+            .into_iter()
+            .enumerate()
     {
         for noise_m in [0.0035, 0.010] {
             let tally = run(&set(name, noise_m), SECTIONS, 500 + seed as u64);
