@@ -9,10 +9,10 @@ pub const INNER: i32 = millimetres(1_000);
 /// The first piece of road reaches this far out; each further one twice as far as the one before, with its line.
 const FIRST_REACH: i32 = millimetres(1_200);
 
-/// Until the road's end is known, every fourth sample is enough to follow it.
-const THINNING: usize = 4;
+/// Until the road's end is known, every fifth sample is enough to follow it.
+const THINNING: usize = 5;
 
-/// Every second one tells where it ends and how noisy it is; all of them count once the edge is known.
+/// every second one tells where it ends and how noisy it is; all of them count once the edge is known.
 const MEASURING: usize = 2;
 
 /// A departure is this many samples in a row beyond the threshold.
@@ -42,10 +42,8 @@ pub fn find(samples: &mut [Sample], noise: Noise) -> Option<Road> {
     let mut line = Line { u: 0, z: median_height(samples), slope_q30: 0 };
     let mut reach = FIRST_REACH;
     // Wide first: a cross slope of 5 degrees is 100 mm at the ends of the first piece.
-    for range in [millimetres(30)] {
-        let wide = Noise { range: range as u32, ..noise };
-        line = step(inside(samples, &line, reach), THINNING, &line, &wide)?.line;
-    }
+    let wide = Noise { range: millimetres(30) as u32, ..noise };
+    line = step(inside(samples, &line, reach), THINNING, &line, &wide)?.line;
     let mut noise = noise;
     let mut departed = 0;
     while reach < millimetres(30_000) {
@@ -84,15 +82,17 @@ impl Road {
     pub fn settle(&mut self, samples: &mut [Sample], edge: impl Fn(&Fit) -> i32) {
         let line = self.fit.line;
         let end = |fit: &Fit, samples: &[Sample]| inward_of(samples, fit.line.place_at(edge(fit).max(FIRST_REACH / 2)));
+        // Even numbers of samples, so that the same ones count on both sides of an end.
+        let end = |fit: &Fit, samples: &[Sample]| end(fit, samples) & !(MEASURING - 1);
         let first = end(&self.fit, samples);
         let part = samples.get_mut(..first).unwrap_or_default();
-        let shift = weigh(part, 1, &self.noise, line.slope_q14());
-        let sums = Sums::over(part, 1, &line, shift);
+        let shift = weigh(part, MEASURING, &self.noise, line.slope_q14());
+        let sums = Sums::over(part, MEASURING, &line, shift);
         let Some(fit) = sums.solve(&line, shift) else { return };
         let last = end(&fit, samples);
         let between = samples.get_mut(first.min(last)..first.max(last)).unwrap_or_default();
-        weigh_by(between, 1, &self.noise, line.slope_q14(), shift);
-        let change = Sums::over(between, 1, &line, shift);
+        weigh_by(between, MEASURING, &self.noise, line.slope_q14(), shift);
+        let change = Sums::over(between, MEASURING, &line, shift);
         let sums = if last < first { sums.minus(&change) } else { sums.plus(&change) };
         self.fit = sums.solve(&line, shift).unwrap_or(fit);
     }
@@ -133,13 +133,9 @@ fn departed_at(samples: &[Sample], line: &Line, departure: usize) -> Option<i32>
 
 /// The range noise that explains the residuals of a fit, with the assumed one as a prior.
 fn updated(noise: &Noise, found: &Fit) -> Noise {
-    // Residuals of n effective samples have n - 2 degrees of freedom; ratio = mean square over what was assumed.
-    let freedom_q8 = found.effective_q8.saturating_sub(2 << 8) + (PRIOR << 8);
-    let chi2_q8 = found.chi2_q8 + (PRIOR << 8);
-    let ratio_q10 = ((u64::from(chi2_q8) << 10) / u64::from(freedom_q8.max(1))).min(1 << 16);
     // At the road the beam is nearly square to the surface: g is about 0.9, and the surface's part is taken off.
     let assumed = u64::from(noise.range * noise.range) + u64::from(noise.rough2);
-    let total = (assumed * ratio_q10) >> 10;
+    let total = (assumed * u64::from(found.ratio_q10(PRIOR))) >> 10;
     let range = total.saturating_sub(u64::from(noise.rough2)).isqrt() as u32;
     Noise { range: range.clamp(millimetres(1) as u32 / 2, Noise::MAX_RANGE), ..*noise }
 }

@@ -47,7 +47,7 @@ pub fn measure(
     let shift = weigh(beyond, 1, noise, found.line.slope_q14());
     run = search::run(beyond, (run.first + run.last) / 2, &found.line, wanted.obstruction, shift);
     let part = beyond.get_mut(run.first..=run.last)?;
-    let fit = refit(part, &found.line, noise)?;
+    let fit = fit(part, 1, &found.line, shift)?;
     *noise = roughened(noise, &fit, part);
     let run = Run { first: run.first + from, last: run.last + from, score: run.score };
     Some(Found { fit, run })
@@ -77,7 +77,7 @@ fn refit(part: &mut [Sample], line: &Line, noise: &Noise) -> Option<Fit> {
 /// The noise with a roughness that explains the residuals of a fit.
 fn roughened(noise: &Noise, fitted: &Fit, part: &[Sample]) -> Noise {
     let Some(middle) = part.get(part.len() / 2) else { return *noise };
-    let ratio_q10 = ratio_q10(fitted, ROUGHNESS_PRIOR);
+    let ratio_q10 = fitted.ratio_q10(ROUGHNESS_PRIOR);
     let assumed = noise.variance(middle, fitted.line.slope_q14());
     let explained = (u64::from(assumed) * u64::from(ratio_q10)) >> 10;
     let rough2 = (u64::from(noise.rough2) + explained).saturating_sub(u64::from(assumed));
@@ -85,16 +85,9 @@ fn roughened(noise: &Noise, fitted: &Fit, part: &[Sample]) -> Noise {
     Noise { rough2, ..*noise }
 }
 
-/// Mean square of the residuals over the assumed variances, with `prior` observations as assumed, 10 fraction bits.
-fn ratio_q10(fitted: &Fit, prior: u32) -> u32 {
-    let freedom_q8 = fitted.effective_q8.saturating_sub(2 << 8) + (prior << 8);
-    let chi2_q8 = fitted.chi2_q8 + (prior << 8);
-    ((u64::from(chi2_q8) << 10) / u64::from(freedom_q8.max(1))).min(1 << 20) as u32
-}
-
 /// Half width of the 95 % interval of a slope, 30 fraction bits.
 fn interval(fitted: &Fit) -> u32 {
-    let scale = Magnitude::new(u64::from(ratio_q10(fitted, INTERVAL_PRIOR)), -10);
+    let scale = Magnitude::new(u64::from(fitted.ratio_q10(INTERVAL_PRIOR)), -10);
     // Student's t at 97.5 %: 1.96 + 2.37 / n + 2.8 / n^2, good to 1 % from 5 degrees of freedom on.
     let freedom = u64::from((fitted.effective_q8 >> 8).saturating_sub(2) + INTERVAL_PRIOR).max(1);
     let t_q10 = 2007 + 2427 / freedom + 2867 / (freedom * freedom);
