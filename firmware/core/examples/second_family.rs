@@ -39,8 +39,8 @@ fn main() {
 
 const FOOT: &str = "\
 What the table says: inclinations, lengths, V ditches, dropouts and roll are no trouble. Where a rail hides the edge of the slope, or half of what is seen is grass, slopes are lost and some of
-those found are off by more than a degree; the sections that do it say so in their flags, but for the share in brackets. At a rounded edge the slope is right and the edge is where the two lines
-meet, which no point of the ground is: `hinge_rounded` says so.
+those found are off by more than a degree; the sections that do it say so in their flags, but for the share in brackets. At a rounded edge slope and edge are right, the edge being where the
+two lines meet; `hinge_rounded` says so where the rounding, nine millimetres at its deepest, stands out of the noise.
 ";
 
 fn row(tally: &Tally, has_slopes: bool) -> String {

@@ -78,9 +78,10 @@ fn flags_tell_what_is_wrong_with_a_section() {
             assert!(flagged(&clean, flag) <= 1.0, "{clean}");
         }
     }
-    // At 10 mm the half metre of rounding lies within the noise.
-    let rounded = run(&set("edge rounded over 0.5 m", 0.0035), SECTIONS, 702);
-    assert!(flagged(&rounded, flags::HINGE_ROUNDED) >= 50.0, "{rounded}");
+    // Half a metre of rounding lies nine millimetres below the corner: seen where beams are close, and harmless where they are not.
+    let rounded = run(&set("edge rounded over 0.5 m", 0.0035), 2 * SECTIONS, 702);
+    assert!(flagged(&rounded, flags::HINGE_ROUNDED) >= 5.0, "{rounded}");
+    assert!(rounded.edge.rms() <= 20.0, "where the lines meet is found all the same\n{rounded}");
     let sharp = run(&set("4 to 18 degrees", 0.0035), SECTIONS, 704);
     assert!(flagged(&sharp, flags::HINGE_ROUNDED) <= 2.0, "{sharp}");
 }

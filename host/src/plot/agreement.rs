@@ -63,11 +63,15 @@ where
     let colours = theme.palette();
     title(area, &colours, words.title, words.note)?;
     let colour = |kind: Kind| if kind == Kind::Adjacent { colours.adjacent } else { colours.opposing };
-    let entries = [
-        (Mark::Dot(colours.adjacent), "adjacent slope"),
-        (Mark::Ring(colours.opposing), "opposing slope"),
-        (Mark::Line(colours.faint, 2), "equal"),
-    ];
+    let mut entries = vec![(Mark::Line(colours.faint, 2), "equal")];
+    for (kind, mark, name) in [
+        (Kind::Opposing, Mark::Ring(colours.opposing), "opposing slope"),
+        (Kind::Adjacent, Mark::Dot(colours.adjacent), "adjacent slope"),
+    ] {
+        if slopes.iter().any(|slope| slope.kind == kind) {
+            entries.insert(0, (mark, name));
+        }
+    }
     legend(area, &colours, (30, 86), &entries)?;
     let range = span(slopes.iter().flat_map(|slope| [slope.first_deg, slope.other_deg]), 2.0, 0.05);
     let panel = area.margin(104, 10, 10, 20);

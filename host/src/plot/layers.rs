@@ -14,7 +14,7 @@ use crate::section::Place;
 const SIZE: (u32, u32) = (1200, 900);
 
 /// Dots of a panel beyond this many are thinned out.
-const MOST_DOTS: usize = 1_300;
+const MOST_DOTS: usize = 800;
 
 /// Draws the layers of a rock test as SVG.
 ///

@@ -3,8 +3,8 @@
 //! The undulating road of the medians without its grass, passed at 5 m/s. Within a section, an instrument of 1.22 m reads something else in every place;
 //! the scanner shows the same from the points of nine scans (1.1 m of road). Along the road, single scans follow what the whole slope does.
 
-use super::medians;
-use super::pipeline::Bench;
+use super::medians::{self, Judged};
+use super::pipeline::{BOTH_METHODS, Bench};
 use super::surface_truth::{INCLINOMETER_M, TrueSlope, surface};
 use super::{Error, Line, Picture, Report};
 use crate::calibrate::statistics::{deviation, line_slope};
@@ -97,11 +97,42 @@ pub fn run(bench: &Bench, report: &mut Report) -> Result<(), Error> {
     let sd = |list: &[(f64, f64)]| deviation(list.iter().map(|at| at.1));
     line("along 100 m of road: sd; limit is the truth", sd(&shown.along), Some(sd(&shown.along_truth)));
     line("along 100 m of road: RMS error of one scan", super::rms(errors), None);
+    let judged = Judged::of(&drive, truth, &surface);
+    line("the same over the stretch that is reported, both slopes", super::rms(judged.stretch.iter().copied()), None);
+    strong(bench, report)?;
     let note = "undulating ground without grass, 3.5 mm range noise; above: one slope in pieces of an inclinometer\u{2019}s length";
     report.pictures.push(Picture::new(
         "validation-variation",
         "The slope within one section by pieces of 1.22 m, and the slope along a hundred metres of road",
         |theme| plot::across(&shown, "How a slope varies within a section and along the road", note, theme),
     )?);
+    Ok(())
+}
+
+/// Ground that undulates twice as much, in shorter waves: what then becomes of single scans.
+fn strong(bench: &Bench, report: &mut Report) -> Result<(), Error> {
+    for range_noise_mm in super::RANGE_NOISE_MM {
+        let mut scene = medians::scene(bench, 20.0, range_noise_mm);
+        scene.sections.surface.undulation_mm = 15.0;
+        scene.sections.surface.wavelength_m = [2.0, 12.0];
+        scene.vegetation = Vegetation::default();
+        let captured = bench.drive("strong", &scene)?;
+        let [measuring, searched] = BOTH_METHODS.map(|method| bench.profiles("strong", &captured, method));
+        let of_all = (2 * captured.made.truth.len()) as f64;
+        let found = |drive: &Drive| {
+            let judged = Judged::of(drive, &captured.made.truth, &surface(&scene));
+            judged.whole.len() as f64 / of_all
+        };
+        report.lines.push(Line {
+            experiment: "variation",
+            quantity: "undulation of 15 mm in waves of 2 to 12 m: found and not doubtful".to_owned(),
+            range_noise_mm: Some(range_noise_mm),
+            paper: None,
+            crossfall: found(&measuring?),
+            seed_search: Some(found(&searched?)),
+            limit: Some(1.0),
+            unit: "share",
+        });
+    }
     Ok(())
 }

@@ -182,8 +182,12 @@ fn the_example_scenes_are_accepted_and_the_default_one_is_the_default() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
     let mut count = 0;
     for entry in std::fs::read_dir(&folder).unwrap() {
-        Scene::read(&entry.unwrap().path()).unwrap();
-        count += 1;
+        let path = entry.unwrap().path();
+        // The one for 3-D frames is of another kind.
+        if path.file_name().is_some_and(|name| name != "terrain.toml") {
+            Scene::read(&path).unwrap();
+            count += 1;
+        }
     }
     assert!(count >= 3);
     assert_eq!(Scene::read(&folder.join("default.toml")).unwrap(), Scene::default());

@@ -55,7 +55,7 @@ pub fn edge(road: &Fit, departed: i32, adjacent: &Found) -> Place {
 }
 
 /// [`flags::HINGE_ROUNDED`] when the samples within 0.4 m of a convex hinge lie below both lines by more than noise does:
-/// their weighted mean residual is beyond 4 sigma.
+/// their weighted mean residual is beyond 3 sigma.
 pub fn rounded(samples: &[Sample], place: &Place, inner: &Line, outer: &Line, noise: &Noise) -> u16 {
     let first = inward_of(samples, inner.place_at(place.u - ROUNDING_REACH));
     let past = inward_of(samples, outer.place_at(place.u + ROUNDING_REACH));
@@ -69,7 +69,7 @@ pub fn rounded(samples: &[Sample], place: &Place, inner: &Line, outer: &Line, no
         information += weight;
     }
     // sum / 2^15 over the root of information / 2^30 is standard normal for a sharp hinge.
-    if sum < 0 && sum.saturating_mul(sum) > 16 * information { flags::HINGE_ROUNDED } else { 0 }
+    if sum < 0 && sum.saturating_mul(sum) > 9 * information { flags::HINGE_ROUNDED } else { 0 }
 }
 
 /// How far from a hinge its rounding is looked for.
