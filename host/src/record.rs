@@ -25,6 +25,7 @@ use crossfall_core::protocol::schema;
 use crate::{log, output};
 pub use buffer::CAPACITY;
 use buffer::{Buffer, Event, Taken};
+pub(crate) use device::connect;
 pub use device::{BAUD, Device, Port};
 use link::Link;
 

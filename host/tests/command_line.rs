@@ -265,6 +265,7 @@ fn help_is_as_it_was() {
         "run",
         "record",
         "recover",
+        "replay",
         "verify",
         "profiles",
         "plot",

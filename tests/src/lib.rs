@@ -3,7 +3,7 @@
 
 pub mod emulator;
 pub mod fuzzing;
-pub mod lms_emulator;
+pub use crossfall::emulated::scanner as lms_emulator;
 
 use std::path::PathBuf;
 

@@ -7,11 +7,15 @@
 //! | `fuzz` | runs libFuzzer over every target, or those named |
 //! | `soak` | drives for days of simulated time into a rotating log, and verifies it |
 //! | `list` | names the steps of `test` |
+//! | `soak` | ten minutes of drive through the emulated board |
+//! | `size` | what the image takes of the board's memory |
 #![forbid(unsafe_code)]
 
 mod fuzz;
 mod setup;
 mod shell;
+mod size;
+mod soak_board;
 mod soak_log;
 mod steps;
 
@@ -28,6 +32,8 @@ cargo xtask COMMAND
                    run libFuzzer over every target, N seconds each (60 unless told)
   soak --hours N   drive so long in simulated time into a rotating log, and verify all of it
   list             name the steps of `test`
+  soak [SECONDS]   ten minutes of drive through the emulated board: nothing lost, nothing grown
+  size             what the board's image takes of its memory, and its budget
 
 Examples:
   cargo xtask test
@@ -48,6 +54,9 @@ fn main() -> ExitCode {
         ["fuzz", wanted @ ..] => done(fuzz::run(fuzz::SECONDS, wanted)),
         ["soak", "--hours", hours] => counted(hours, soak_log::run),
         ["list"] => steps::list(),
+        ["soak"] => soak_board::run(None),
+        ["soak", seconds] => soak_board::run(Some(seconds)),
+        ["size"] => size::run(),
         [] | ["help" | "--help" | "-h"] => {
             print!("{HELP}");
             ExitCode::SUCCESS
