@@ -9,6 +9,7 @@ mod demo;
 mod export;
 mod import;
 mod info;
+mod monitor;
 mod plot;
 mod profiles;
 mod progress;
@@ -20,6 +21,7 @@ mod reproduce;
 mod reproduce_terrain;
 mod risk;
 mod run;
+mod serve;
 mod simulate;
 mod terrain_scene;
 mod verify;
@@ -58,6 +60,8 @@ pub enum Command {
     Record(record::Args),
     Replay(replay::Args),
     Recover(recover::Args),
+    Serve(serve::Args),
+    Monitor(monitor::Args),
     Verify(verify::Args),
     Profiles(profiles::Args),
     Calibrate(calibrate::Args),
@@ -98,6 +102,8 @@ impl Command {
             Self::Record(args) => record::run(&args),
             Self::Replay(args) => replay::run(&args),
             Self::Recover(args) => recover::run(&args),
+            Self::Serve(args) => serve::run(&args),
+            Self::Monitor(args) => monitor::run(&args),
             Self::Verify(args) => verify::run(&args),
             Self::Profiles(args) => profiles::run(&args),
             Self::Calibrate(args) => calibrate::run(&args),

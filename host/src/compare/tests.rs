@@ -27,6 +27,7 @@ fn drive(name: &str, start_m: f64, late_m: f64, noise: f64) -> Drive {
                     gps: None,
                     geodetic: Some([40.0 + north / 111_035.0, -77.0 + east / 85_394.0, 300.0]),
                     station_m: Some(f64::from(scan) * 0.8),
+                    ..Position::default()
                 },
                 roll_deg: 0.0,
                 left,

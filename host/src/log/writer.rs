@@ -21,7 +21,7 @@ const CHUNK_BYTES: u64 = 1 << 20;
 pub const PARTS: u32 = 9_999;
 
 /// Makes the storage of a file that must not exist.
-type Opener = Box<dyn FnMut(&Path) -> io::Result<Box<dyn Storage>>>;
+type Opener = Box<dyn FnMut(&Path) -> io::Result<Box<dyn Storage>> + Send>;
 
 /// How a live log is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -97,6 +97,8 @@ impl Replay {
                 self.survey(message);
             }
             Message::Skip(skip) => self.skip = Some(*skip),
+            // A mapping that no pulse of this log has made: the log begins within a drive.
+            Message::Clock(_) if self.clock.state().is_none() => self.unsure.pulses = WINDOW + 4,
             Message::Pulse(pulse) => {
                 self.unsure.pulses = self.unsure.pulses.saturating_sub(1);
                 let verdict = self.clock.pulse(pulse);

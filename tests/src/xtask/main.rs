@@ -27,7 +27,7 @@ cargo xtask COMMAND
   test [--long] [STEP...]
                    install what is missing, then run every check (or only the steps named);
                    --long adds what takes long or wants the machine for itself
-  setup            install what is missing: ARM target, emulator, cargo-deny
+  setup            install what is missing: ARM target, emulator, browser, cargo-deny
   fuzz [--seconds N] [TARGET...]
                    run libFuzzer over every target, N seconds each (60 unless told)
   soak --hours N   drive so long in simulated time into a rotating log, and verify all of it

@@ -96,7 +96,7 @@ fn soak(hours: u64, scratch: &Path) -> Result<(), String> {
     if !report.ok || !losses.is_empty() || !summary.damage.is_empty() {
         return Err(format!("lost: {losses:?}; {:?}", &report.problems[..report.problems.len().min(10)]));
     }
-    if report.scans != summary.status.scans.into() {
+    if report.scans != u64::from(summary.status.scans) {
         return Err(format!("{} scans in the log, {} decoded", report.scans, summary.status.scans));
     }
     // An index entry for each chunk of the file under way is all that may come and go.

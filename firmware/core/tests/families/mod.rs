@@ -20,8 +20,3 @@ pub fn second(noise_m: f64) -> Vec<Family> {
         Family { slopes_deg: (0.0, 3.0), ..Family::grass("flat, grass", noise_m) },
     ]
 }
-
-/// Whether the sections of a set have slopes that count as such.
-pub fn has_slopes(family: &Family) -> bool {
-    family.slopes_deg.1 >= 4.0
-}

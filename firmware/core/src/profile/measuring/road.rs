@@ -42,10 +42,8 @@ pub fn find(samples: &mut [Sample], noise: Noise) -> Option<Road> {
     let mut line = Line { u: 0, z: median_height(samples), slope_q30: 0 };
     let mut reach = FIRST_REACH;
     // Wide first: a cross slope of 5 degrees is 100 mm at the ends of the first piece.
-    for range in [millimetres(30)] {
-        let wide = Noise { range: range as u32, ..noise };
-        line = step(inside(samples, &line, reach), THINNING, &line, &wide)?.line;
-    }
+    let wide = Noise { range: millimetres(30) as u32, ..noise };
+    line = step(inside(samples, &line, reach), THINNING, &line, &wide)?.line;
     let mut noise = noise;
     let mut departed = 0;
     while reach < millimetres(30_000) {
