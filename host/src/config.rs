@@ -7,7 +7,9 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use crossfall_protocol::config::{Attitude, Config, Ins, Limits, Measuring, Method, Scanner, Seed, Survey};
+use crossfall_protocol::config::{
+    Attitude, Config, ConfigError, Ins, Limits, Measuring, Method, Scanner, Seed, Survey,
+};
 use crossfall_protocol::units::Angle;
 use serde::Deserialize;
 
@@ -332,7 +334,18 @@ fn agree(config: &Config) -> Result<(), Invalid> {
         let expected = format!("less than survey.limits.max_slope_deg = {}", degrees(limits.max_slope));
         return Err(Invalid::new("survey.limits.min_slope_deg", degrees(limits.min_slope), expected));
     }
-    Ok(())
+    config.check().map_err(refused)
+}
+
+/// What the board would answer to it: its own limits are the narrower ones.
+fn refused(error: ConfigError) -> Invalid {
+    match error {
+        ConfigError::NoSuchBaud { field, value } => Invalid::new(field, value, "a rate that the device has"),
+        ConfigError::OutOfRange { field, value, min, max } => {
+            Invalid::new(field, value, format!("{min} to {max} (in the wire's unit)"))
+        }
+        contradiction => Invalid::new("survey", "a contradiction", contradiction.to_string()),
+    }
 }
 
 /// A number in the user's unit as an integer of the wire, `scale` of which make one.
@@ -447,6 +460,7 @@ mod tests {
         );
         assert!(refuse("[scanner]\ndelay = 3").starts_with("c.toml:2: unknown field `delay`, expected one of"));
         assert!(refuse("[survey]\nmethod = \"best\"").ends_with("expected \"measuring\" or \"seed\""));
+        assert!(refuse("[ins]\nbaud = 915200").contains("ins.baud = 915200, expected a rate that the device has"));
         assert!(refuse("[ins]\nlatency_ms = nan").contains("ins.latency_ms = NaN, expected"));
     }
 }

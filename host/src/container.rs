@@ -391,7 +391,7 @@ impl Container {
         let result = if head.compression.is_empty() {
             self.plain_records(entry, &body, &head, contents)
         } else {
-            self.packed_records(entry, &body, contents)
+            self.packed_records(entry, &body, head.unpacked, contents)
         };
         // A cut chunk fails somehow; that it is cut is what the user needs to know.
         if entry.length > room {
@@ -429,13 +429,14 @@ impl Container {
     }
 
     /// Records of a compressed chunk, through the crate's reader.
-    fn packed_records(&self, entry: Entry, body: &[u8], contents: &mut Contents) -> Result<(), Error> {
+    fn packed_records(&self, entry: Entry, body: &[u8], unpacked: u64, contents: &mut Contents) -> Result<(), Error> {
         let options = LinearReaderOptions::default()
             .with_skip_start_magic(true)
             .with_skip_end_magic(true)
             .with_validate_chunk_crcs(true)
             .with_record_length_limit(MAX_CHUNK as usize);
         let mut reader = LinearReader::new_with_options(options);
+        let mut total = 0;
         let mut input = io::Cursor::new([[op::CHUNK].as_slice(), &entry.length.to_le_bytes()].concat()).chain(body);
         while let Some(event) = reader.next_event() {
             match event {
@@ -444,7 +445,15 @@ impl Container {
                     let got = input.read(reader.insert(wanted.min(1 << 20))).unwrap_or(0);
                     reader.notify_read(got);
                 }
-                Ok(LinearReadEvent::Record { opcode, data }) => self.keep(entry.offset, opcode, data, contents)?,
+                Ok(LinearReadEvent::Record { opcode, data }) => {
+                    // Some bytes can be packed for a million: no more comes out than the chunk has announced.
+                    total += HEAD + data.len() as u64;
+                    if total > unpacked {
+                        let what = format!("a chunk of more than the {unpacked} bytes that it announces");
+                        return Err(self.damaged(entry.offset, what));
+                    }
+                    self.keep(entry.offset, opcode, data, contents)?;
+                }
                 Err(error) => return Err(self.damaged(entry.offset, error.to_string())),
             }
         }

@@ -7,7 +7,7 @@
 
 mod spec;
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::fmt;
 
 use rand_chacha::ChaCha8Rng;
@@ -242,12 +242,15 @@ impl Injector {
     }
 }
 
-/// The chunks of a capture, with an injector on each line that the specification names.
+/// The chunks of a capture, with an injector on each line that the specification names; still in the order of their times.
 pub struct Faulty<I> {
     chunks: I,
     lines: BTreeMap<Channel, Injector>,
-    ready: VecDeque<Result<Chunk, Error>>,
-    ended: bool,
+    /// What is late on one line waits here while the others go on, by time and order of coming.
+    late: BTreeMap<(u64, u64), Chunk>,
+    came: u64,
+    /// Nothing of before this comes any more.
+    now_ns: u64,
 }
 
 impl<I: Iterator<Item = Result<Chunk, Error>>> Faulty<I> {
@@ -256,7 +259,7 @@ impl<I: Iterator<Item = Result<Chunk, Error>>> Faulty<I> {
         let lines = Channel::ALL.into_iter().zip(0..);
         let lines =
             lines.filter_map(|(line, number)| Some((line, Injector::new(spec.rates(line)?, spec.seed, number))));
-        Self { chunks, lines: lines.collect(), ready: VecDeque::new(), ended: false }
+        Self { chunks, lines: lines.collect(), late: BTreeMap::new(), came: 0, now_ns: 0 }
     }
 
     /// What was done to each line.
@@ -270,28 +273,30 @@ impl<I: Iterator<Item = Result<Chunk, Error>>> Iterator for Faulty<I> {
 
     fn next(&mut self) -> Option<Self::Item> {
         loop {
-            if let Some(ready) = self.ready.pop_front() {
-                return Some(ready);
+            if let Some(due) = self.late.first_entry().filter(|due| due.key().0 <= self.now_ns) {
+                return Some(Ok(due.remove()));
             }
-            if self.ended {
-                return None;
-            }
-            let ready = &mut self.ready;
+            let Self { lines, late, came, .. } = self;
+            let mut keep = |channel: Channel, piece: Piece| {
+                *came += 1;
+                late.insert((piece.at_ns, *came), of(channel, piece));
+            };
             match self.chunks.next() {
-                Some(Ok(chunk)) => match self.lines.get_mut(&chunk.channel) {
-                    None => return Some(Ok(chunk)),
-                    Some(injector) => {
-                        let channel = chunk.channel;
-                        let piece = Piece { at_ns: chunk.device_time_ns, bytes: chunk.data };
-                        injector.pass(piece, &mut |piece| ready.push_back(Ok(of(channel, piece))));
+                Some(Ok(Chunk { channel, device_time_ns, data })) => {
+                    self.now_ns = device_time_ns;
+                    let piece = Piece { at_ns: device_time_ns, bytes: data };
+                    match lines.get_mut(&channel) {
+                        None => keep(channel, piece),
+                        Some(injector) => injector.pass(piece, &mut |piece| keep(channel, piece)),
                     }
-                },
+                }
                 Some(Err(error)) => return Some(Err(error)),
                 None => {
-                    self.ended = true;
-                    for (&channel, injector) in &mut self.lines {
-                        injector.finish(&mut |piece| ready.push_back(Ok(of(channel, piece))));
+                    for (&channel, injector) in lines {
+                        injector.finish(&mut |piece| keep(channel, piece));
                     }
+                    self.now_ns = u64::MAX;
+                    return self.late.pop_first().map(|(_, chunk)| Ok(chunk));
                 }
             }
         }

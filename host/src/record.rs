@@ -191,6 +191,8 @@ pub fn converse(
             Taken::Event(Event::Bytes { receive_ns, bytes }) => {
                 (heard, told_silent) = (Instant::now(), false);
                 link.take(receive_ns, &bytes, log, &mut summary, &mut notice)?;
+                // By the time of the bytes: what a slow disk has kept waiting is old, and must not be synced read by read.
+                log.settle(receive_ns)?;
             }
             Taken::Event(Event::Overflow { bytes }) => {
                 link.cut(log, &mut summary)?;
@@ -208,10 +210,9 @@ pub fn converse(
                 notice(Notice::Back);
             }
             Taken::Nothing if stopped.is_some_and(|stopped| stopped.elapsed() > LAST_READ) => break,
-            Taken::Nothing => {}
+            Taken::Nothing => log.settle(clock.now_ns())?,
             Taken::End => break,
         }
-        log.settle(clock.now_ns())?;
         if heard.elapsed() > SILENCE && !told_silent && !summary.disconnected {
             told_silent = true;
             notice(Notice::Silent);

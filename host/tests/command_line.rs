@@ -279,6 +279,7 @@ fn help_is_as_it_was() {
         "import",
         "run",
         "record",
+        "recover",
         "replay",
         "verify",
         "profiles",

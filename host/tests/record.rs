@@ -213,6 +213,9 @@ fn a_board_that_boots_again_is_told_and_goes_on_in_the_same_log() {
     assert!(matches!(&notices[..], [Notice::Board { .. }, Notice::Restarted { .. }]), "{notices:?}");
     let report = verify::verify(&path, |_| ()).unwrap();
     assert_eq!((report.boots, report.bad_frames, report.missing_frames), (2, 0, 0));
+    let mut reader = log::Reader::open(&path).unwrap();
+    assert!(reader.by_ref().all(|frame| frame.is_ok()));
+    assert_eq!(reader.metadata()[log::metadata::SEGMENT]["number"], "2");
 }
 
 #[test]

@@ -7,6 +7,7 @@
 use std::path::PathBuf;
 
 use crossfall::capture::{Channel, Reader};
+use crossfall::faults::{Faulty, Spec};
 use crossfall::record::Device;
 use crossfall::replay::{Lines, Options, Played, Replay};
 
@@ -20,6 +21,7 @@ Examples:
   crossfall replay drive.mcap --lidar tcp:localhost:4001 --ins tcp:localhost:4002 --pps tcp:localhost:4003
   crossfall replay drive.mcap --lidar serial:/dev/ttyUSB1@500000 --ins serial:/dev/ttyUSB2@115200
   crossfall replay drive.mcap --lidar tcp:bench:4001 --ins tcp:bench:4002 --speed 0.5
+  crossfall replay drive.mcap --lidar tcp:bench:4001 --ins tcp:bench:4002 --faults flip=1e-5,seed=7
 
 Record the board's link meanwhile with `crossfall record`. Ctrl-C ends the replay.")]
 pub struct Args {
@@ -43,6 +45,9 @@ pub struct Args {
     /// A configuration, for the lines' rates (TOML, see `crossfall config`)
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
+    /// Faults of the lines on the way, such as flip=1e-5,drop=1e-5 or lidar:burst=1e-6:200;pps:drop=0.1
+    #[arg(long, value_name = "SPEC")]
+    faults: Option<Spec>,
     /// Print what was played for machines
     #[arg(long)]
     json: bool,
@@ -66,8 +71,20 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         }
     }
     let progress = Progress::new("replay", extent);
-    let played = replay.play(capture, |now| progress.at(now))?;
+    let mut counts = Vec::new();
+    let played = match &args.faults {
+        None => replay.play(capture, |now| progress.at(now))?,
+        Some(spec) => {
+            let mut faulty = Faulty::new(capture, spec);
+            let played = replay.play(faulty.by_ref(), |now| progress.at(now))?;
+            counts.extend(faulty.counts());
+            played
+        }
+    };
     drop(progress);
+    for (line, counts) in counts {
+        tell!("faults on {}: {counts}", line.topic());
+    }
     for damage in &played.damage {
         tell!("{damage}");
     }

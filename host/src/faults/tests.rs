@@ -105,3 +105,21 @@ fn each_fault_alone_does_what_it_says() {
         [5, 5 + BOUNCE_NS]
     );
 }
+
+/// A line that stalls does not keep the others waiting, and a capture with faults is still in the order of time.
+#[test]
+fn a_stalled_line_keeps_no_other_waiting() {
+    let chunks = (0..200_u64).map(|i| {
+        let channel = if i % 2 == 0 { Channel::Lidar } else { Channel::Ins };
+        Ok(Chunk { channel, device_time_ns: i * 10_000_000, data: vec![i as u8; 20] })
+    });
+    let spec: Spec = "lidar:stall=0.2:95,seed=3".parse().unwrap();
+    let mut faulty = Faulty::new(chunks, &spec);
+    let came: Vec<Chunk> = faulty.by_ref().map(Result::unwrap).collect();
+    assert_eq!(came.len(), 200);
+    assert!(came.is_sorted_by_key(|chunk| chunk.device_time_ns));
+    let ins = came.iter().filter(|chunk| chunk.channel == Channel::Ins).map(|chunk| chunk.device_time_ns);
+    assert!(ins.eq((0..100).map(|i| (2 * i + 1) * 10_000_000)));
+    let counts: Vec<_> = faulty.counts().collect();
+    assert!(counts.len() == 1 && counts[0].0 == Channel::Lidar && counts[0].1.stalled > 5);
+}

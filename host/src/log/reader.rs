@@ -153,10 +153,10 @@ impl Reader {
                 Err(error) => self.tell(error, entry.end()),
             },
             op::DATA_END => match self.container.body(entry) {
-                Ok(body) => {
-                    let crc = body.first_chunk().map_or(0, |bytes| u32::from_le_bytes(*bytes));
-                    self.data_end = Some((entry.offset, crc));
-                }
+                Ok(body) => match <[u8; 4]>::try_from(body).ok() {
+                    Some(crc) => self.data_end = Some((entry.offset, u32::from_le_bytes(crc))),
+                    None => self.misread(entry, "an end of the data that is not readable"),
+                },
                 Err(error) => self.tell(error, entry.end()),
             },
             // Bookkeeping that is not needed here. A chunk may hide behind one flipped bit of an opcode, so what it says must fit its length.
@@ -244,8 +244,8 @@ impl Reader {
                 let list = body.get(2..).and_then(<[u8]>::first_chunk).map(|length| u32::from_le_bytes(*length));
                 list.is_some_and(|list| u64::from(list) + 6 == entry.length)
             }
-            op::HEADER..=op::DATA_END => mcap::parse_record(entry.opcode, &body).is_ok(),
-            // Private records: allowed, and never written here.
+            op::HEADER..=op::DATA_END if mcap::parse_record(entry.opcode, &body).is_err() => false,
+            // Also private records: allowed, and never written here.
             _ => salvage::frames(&body, 0, 0).is_empty(),
         }
     }
@@ -372,7 +372,11 @@ fn merge(records: Vec<Message>, found: Vec<Message>) -> (Vec<Message>, u64) {
 
 fn parse_metadata(body: &[u8]) -> Option<(String, BTreeMap<String, String>)> {
     match mcap::parse_record(op::METADATA, body) {
-        Ok(Record::Metadata(found)) => Some((found.name, found.metadata)),
+        // It fills its length, or the length is wrong.
+        Ok(Record::Metadata(found)) => {
+            let pairs: usize = found.metadata.iter().map(|(key, value)| 8 + key.len() + value.len()).sum();
+            (8 + found.name.len() + pairs == body.len()).then_some((found.name, found.metadata))
+        }
         _ => None,
     }
 }

@@ -6,6 +6,12 @@
 use std::fs::{File, TryLockError};
 use std::io::{self, Write};
 use std::path::Path;
+use std::thread;
+use std::time::Duration;
+
+/// Attempts to lock a new file, and the pause between them.
+const LOCK_TRIES: u32 = 20;
+const LOCK_PAUSE: Duration = Duration::from_millis(5);
 
 /// Bytes go in at the end, and come to stay when asked.
 pub trait Storage: Write + Send {
@@ -25,10 +31,13 @@ impl Storage for File {
 /// Makes a new file, which must not exist, and its name survive a power cut.
 pub(super) fn create(path: &Path) -> io::Result<Box<dyn Storage>> {
     let file = File::create_new(path)?;
-    match file.try_lock() {
-        // Nobody else can have it yet; whatever else goes wrong, the file system knows no locks.
-        Ok(()) | Err(TryLockError::Error(_)) => {}
-        Err(TryLockError::WouldBlock) => return Err(io::Error::from(io::ErrorKind::ResourceBusy)),
+    // It is new, so only somebody who looks whether it is locked can have it, for a moment. Whatever else goes wrong: the file system knows no
+    // locks, and the file is this writer's all the same.
+    for _ in 0..LOCK_TRIES {
+        match file.try_lock() {
+            Ok(()) | Err(TryLockError::Error(_)) => break,
+            Err(TryLockError::WouldBlock) => thread::sleep(LOCK_PAUSE),
+        }
     }
     sync_folder(path)?;
     Ok(Box::new(file))

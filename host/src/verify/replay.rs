@@ -125,11 +125,6 @@ impl Replay {
             }
             Message::Scan(scan) => {
                 self.unsure.scans = self.unsure.scans.saturating_sub(1);
-                if !self.survey.is_running() {
-                    // Scans are streamed within a survey only: its start was lost.
-                    self.gap();
-                    self.survey(&Message::Session(Session::Started(scan.stx)));
-                }
                 if self.skip.take() == Some(Skip::Scan(scan.index)) {
                     return;
                 }
