@@ -81,6 +81,7 @@ pub mod container;
 pub mod dataset;
 pub mod drive;
 pub mod export;
+pub mod fuse;
 pub mod geodesy;
 pub mod import;
 pub mod info;
