@@ -9,10 +9,12 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use anyhow::Context;
 use crossfall::dataset::{self, Stopped, Written};
-use crossfall::interrupt;
+use crossfall::drive::Drive;
 use crossfall::intervals::{Every, Gather, Interval, MILE_M};
+use crossfall::output::Output;
 use crossfall::profiles::Rows;
-use crossfall::table::Format;
+use crossfall::table::{self, Format, Table};
+use crossfall::{fuse, interrupt};
 
 use super::progress::Progress;
 use super::{Outcome, distinct, say, say_json, tell};
