@@ -13,6 +13,8 @@ mod buffer;
 mod device;
 mod link;
 mod reader;
+pub mod space;
+mod tape;
 
 use std::fmt;
 use std::sync::Arc;
@@ -21,11 +23,13 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use crossfall_core::protocol::message::Status;
 use crossfall_core::protocol::schema;
 
-use crate::{log, output};
+use crate::output;
 pub use buffer::CAPACITY;
 use buffer::{Buffer, Event, Taken};
+pub(crate) use device::connect;
 pub use device::{BAUD, Device, Port};
 use link::Link;
+pub use tape::{Outbox, Tape};
 
 /// How long the recording waits for an event before it looks at everything else.
 const POLL: Duration = Duration::from_millis(50);
@@ -129,6 +133,10 @@ pub struct Summary {
     pub disconnected: bool,
     /// The board's last status: every counter.
     pub status: Status,
+    /// Bytes on the disk, in all files of the log.
+    pub log_bytes: u64,
+    /// Files of the log.
+    pub parts: u32,
 }
 
 impl Summary {
@@ -149,13 +157,28 @@ impl Summary {
 pub fn record(
     device: &Device,
     port: Box<dyn Port>,
-    log: &mut log::Writer,
+    log: &mut impl Tape,
+    notice: impl FnMut(Notice),
+    goes_on: impl FnMut(&Summary) -> bool,
+) -> Result<Summary, Error> {
+    converse(device, port, log, &Outbox::default(), notice, goes_on)
+}
+
+/// [`record`] that also says to the board what is put into `outbox`.
+///
+/// # Errors
+/// As of [`record`].
+pub fn converse(
+    device: &Device,
+    port: Box<dyn Port>,
+    log: &mut impl Tape,
+    outbox: &Outbox,
     mut notice: impl FnMut(Notice),
     mut goes_on: impl FnMut(&Summary) -> bool,
 ) -> Result<Summary, Error> {
     let clock = Clock::start();
     let buffer = Arc::new(Buffer::new());
-    reader::spawn(device.clone(), port, clock, Arc::clone(&buffer)).map_err(Error::Reader)?;
+    reader::spawn(device.clone(), port, outbox.clone(), clock, Arc::clone(&buffer)).map_err(Error::Reader)?;
     // However this function is left, the reader ends with it.
     let _stop = StopOnDrop(&buffer);
     let mut link = Link::new();
@@ -194,6 +217,7 @@ pub fn record(
             notice(Notice::Silent);
         }
         summary.seconds = clock.started.elapsed().as_secs_f64();
+        (summary.log_bytes, summary.parts) = log.extent();
         if stopped.is_none() && !goes_on(&summary) {
             stopped = Some(Instant::now());
             buffer.stop();

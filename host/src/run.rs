@@ -62,20 +62,36 @@ pub fn run(
     capture: &mut capture::Reader,
     config: &Config,
     log: &mut log::Writer,
+    progress: impl FnMut(u64),
+) -> Result<Summary, Error> {
+    let first_ns = capture.span_ns().map_or(0, |(first, _)| first);
+    run_over(capture.by_ref(), first_ns, config, log, progress)
+}
+
+/// [`run`] over chunks from anywhere, in the order of time. The instrument boots at `first_ns`.
+///
+/// # Errors
+/// When the log cannot be written. Chunks that are errors are listed in the summary.
+pub fn run_over(
+    chunks: impl Iterator<Item = Result<Chunk, container::Error>>,
+    first_ns: u64,
+    config: &Config,
+    log: &mut log::Writer,
     mut progress: impl FnMut(u64),
 ) -> Result<Summary, Error> {
     let mut link = Link { log, sequencer: Sequencer::new(), summary: Summary::default(), now_ns: 0, failed: None };
     let mut instrument = Instrument::new(*config, identity());
     let mut wires = Wires::new(config);
     link.describe(config)?;
-    let first_ns = capture.span_ns().map_or(0, |(first, _)| first);
     link.now_ns = first_ns;
+    let mut now_ns = first_ns;
     instrument.start(DeviceTime(first_ns / 1_000), &mut |event| link.send(&event));
 
-    for chunk in capture.by_ref() {
+    for chunk in chunks {
         match chunk {
             Ok(chunk) => {
-                wires.deliver(Some(chunk.device_time_ns), &mut instrument, &mut link);
+                let until = Some(chunk.device_time_ns);
+                wires.deliver(until, &mut instrument, &mut now_ns, &mut |now, event| link.send_at(now, &event));
                 progress(chunk.device_time_ns);
                 wires.push(chunk);
             }
@@ -89,8 +105,9 @@ pub fn run(
             break;
         }
     }
-    wires.deliver(None, &mut instrument, &mut link);
-    let end = DeviceTime(link.now_ns / 1_000);
+    wires.deliver(None, &mut instrument, &mut now_ns, &mut |now, event| link.send_at(now, &event));
+    link.now_ns = now_ns;
+    let end = DeviceTime(now_ns / 1_000);
     instrument.finish(end, &mut |event| link.send(&event));
     if let Some(error) = link.failed.take() {
         return Err(error.into());
@@ -124,6 +141,11 @@ impl Link<'_> {
         self.log.metadata(log::metadata::CONFIG, toml)
     }
 
+    fn send_at(&mut self, now_ns: u64, event: &Event<'_>) {
+        self.now_ns = now_ns;
+        self.send(event);
+    }
+
     fn send(&mut self, event: &Event<'_>) {
         let (mut code, mut frame) = ([0; MAX_CODE], [0; MAX_MESSAGE_FRAME]);
         let message = event.message(&mut code);
@@ -143,7 +165,7 @@ impl Link<'_> {
 }
 
 /// The board's pins: what waits on each line, and when its next byte arrives.
-struct Wires {
+pub(crate) struct Wires {
     pulses: VecDeque<u64>,
     lidar: Wire,
     ins: Wire,
@@ -157,11 +179,13 @@ struct Wire {
 }
 
 impl Wires {
-    fn new(config: &Config) -> Self {
+    /// Nothing waits.
+    pub(crate) fn new(config: &Config) -> Self {
         Self { pulses: VecDeque::new(), lidar: Wire::new(config.scanner.baud), ins: Wire::new(config.ins.baud) }
     }
 
-    fn push(&mut self, chunk: Chunk) {
+    /// What comes next on one of them.
+    pub(crate) fn push(&mut self, chunk: Chunk) {
         match chunk.channel {
             Channel::Pps => self.pulses.push_back(chunk.device_time_ns),
             Channel::Lidar => self.lidar.push(chunk),
@@ -172,7 +196,14 @@ impl Wires {
     }
 
     /// Lets everything happen that happens before `until_ns`, in the order of time; of simultaneous things the pulse comes first.
-    fn deliver(&mut self, until_ns: Option<u64>, instrument: &mut Instrument, link: &mut Link<'_>) {
+    /// `now_ns` follows; `send` gets it with every event.
+    pub(crate) fn deliver(
+        &mut self,
+        until_ns: Option<u64>,
+        instrument: &mut Instrument,
+        now_ns: &mut u64,
+        send: &mut impl FnMut(u64, Event<'_>),
+    ) {
         loop {
             let pulse = self.pulses.front().copied().unwrap_or(u64::MAX);
             let lidar = self.lidar.next_arrival();
@@ -184,16 +215,19 @@ impl Wires {
             }
             if pulse == next {
                 self.pulses.pop_front();
-                link.now_ns = link.now_ns.max(pulse);
-                instrument.pps(DeviceTime(pulse / 1_000), &mut |event| link.send(&event));
+                *now_ns = pulse.max(*now_ns);
+                let now = *now_ns;
+                instrument.pps(DeviceTime(pulse / 1_000), &mut |event| send(now, event));
             } else if lidar == next {
                 let (byte, at_ns) = self.lidar.take();
-                link.now_ns = link.now_ns.max(at_ns);
-                instrument.lidar_byte(byte, DeviceTime(at_ns / 1_000), &mut |event| link.send(&event));
+                *now_ns = at_ns.max(*now_ns);
+                let now = *now_ns;
+                instrument.lidar_byte(byte, DeviceTime(at_ns / 1_000), &mut |event| send(now, event));
             } else {
                 let (byte, at_ns) = self.ins.take();
-                link.now_ns = link.now_ns.max(at_ns);
-                instrument.ins_byte(byte, DeviceTime(at_ns / 1_000), &mut |event| link.send(&event));
+                *now_ns = at_ns.max(*now_ns);
+                let now = *now_ns;
+                instrument.ins_byte(byte, DeviceTime(at_ns / 1_000), &mut |event| send(now, event));
             }
         }
     }

@@ -38,6 +38,8 @@ pub enum Message<'a> {
     Session(Session),
     /// What the next frame carries did not enter the survey.
     Skip(Skip),
+    /// Something that the operator wants to find again.
+    Marker(Marker),
 }
 
 /// Who the board is.
@@ -395,6 +397,57 @@ pub enum Session {
     Stopped(DeviceTime),
 }
 
+/// A place in the stream that the operator wants to find again. It is no input of the survey.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Marker {
+    /// When the board was told.
+    pub time: DeviceTime,
+    /// 0-based number of the marker since boot.
+    pub number: u32,
+    /// What the operator called it.
+    pub label: Label,
+}
+
+/// A marker's name: up to [`Label::MAX`] bytes of UTF-8, filled up with zeros.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[serde(transparent)]
+pub struct Label(pub [u8; Self::MAX]);
+
+impl Label {
+    /// Longest name in bytes.
+    pub const MAX: usize = 24;
+
+    /// The label of a text, without what is longer than [`Label::MAX`]; cut between characters.
+    #[must_use]
+    pub fn new(text: &str) -> Self {
+        let mut label = Self::default();
+        let mut left = label.0.iter_mut();
+        for character in text.chars().filter(|&character| character != '\0') {
+            if left.len() < character.len_utf8() {
+                break;
+            }
+            let mut bytes = [0; 4];
+            let coded = character.encode_utf8(&mut bytes).bytes();
+            for (into, byte) in left.by_ref().take(character.len_utf8()).zip(coded) {
+                *into = byte;
+            }
+        }
+        label
+    }
+
+    /// Its text as far as it is UTF-8, without the zeros at its end.
+    #[must_use]
+    pub fn text(&self) -> &str {
+        let bytes = self.0.split(|&byte| byte == 0).next().unwrap_or_default();
+        match core::str::from_utf8(bytes) {
+            Ok(text) => text,
+            Err(error) => core::str::from_utf8(bytes.get(..error.valid_up_to()).unwrap_or_default()).unwrap_or(""),
+        }
+    }
+}
+
 /// What the host sends. The order of the variants is their number on the wire: append, never insert.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum Command {
@@ -408,4 +461,18 @@ pub enum Command {
     Start,
     /// Work off what is waiting and stop.
     Stop,
+    /// Put a marker into the stream.
+    Mark(Label),
+    /// Bring a sensor up again from the start, as after power-on.
+    Restart(Sensor),
+}
+
+/// One of the sensors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Sensor {
+    /// The laser scanner.
+    Lidar,
+    /// The inertial unit.
+    Ins,
 }

@@ -115,10 +115,10 @@ fn payload(frame_of: impl FnOnce(&mut [u8]) -> usize) -> Vec<u8> {
 fn every_discriminant_is_pinned() {
     let message = |message: Message<'_>| payload(|out| message.encode(0, out).expect("fits"));
     let numbers: Vec<u8> = message_examples(&[]).iter().map(|&(_, example)| message(example)[0]).collect();
-    assert_eq!(numbers, [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]);
+    assert_eq!(numbers, [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12]);
     let numbers: Vec<u8> =
         command_examples().iter().map(|(_, command)| payload(|out| command.encode(0, out).expect("fits"))[0]).collect();
-    assert_eq!(numbers, [0, 1, 2, 3, 4]);
+    assert_eq!(numbers, [0, 1, 2, 3, 4, 5, 6]);
 
     let time = DeviceTime(0);
     for (verdict, number) in [(PulseVerdict::Accepted, 0), (PulseVerdict::Spurious, 1), (PulseVerdict::Restarted, 2)] {
@@ -139,6 +139,9 @@ fn every_discriminant_is_pinned() {
     assert_eq!(message(Message::Session(Session::Stopped(time))), [10, 1, 0]);
     assert_eq!(message(Message::Skip(Skip::Scan(7))), [11, 0, 7]);
     assert_eq!(message(Message::Skip(Skip::Pose(time))), [11, 1, 0]);
+    for (sensor, number) in [(Sensor::Lidar, 0), (Sensor::Ins, 1)] {
+        assert_eq!(payload(|out| Command::Restart(sensor).encode(0, out).expect("fits")), [6, number]);
+    }
     for (method, number) in [(Method::Measuring, 0), (Method::Seed, 1)] {
         let mut config = Config::default();
         config.survey.method = method;
@@ -173,4 +176,15 @@ fn a_payload_with_a_needlessly_long_varint_or_more_bytes_is_not_understood() {
     assert_eq!(judge(&[5, 99]), Err((NotUnderstood, Some(5))));
     assert_eq!(judge(&[5]), Err((NotUnderstood, Some(5))));
     assert_eq!(judge(&[]), Err((NotUnderstood, None)));
+}
+
+#[test]
+fn a_label_is_cut_between_characters_and_comes_back() {
+    assert_eq!(Label::new("bridge 14").text(), "bridge 14");
+    assert_eq!(Label::new("").text(), "");
+    // Twelve characters of two bytes fill it; a thirteenth, or half of one, finds no room.
+    assert_eq!(Label::new(&"\u{e4}".repeat(13)).text(), "\u{e4}".repeat(12));
+    assert_eq!(Label::new(&format!("x{}", "\u{e4}".repeat(12))).text(), format!("x{}", "\u{e4}".repeat(11)));
+    assert_eq!(Label::new("a\0b").text(), "ab");
+    assert_eq!(Label([0xff; Label::MAX]).text(), "");
 }

@@ -11,7 +11,7 @@ use core::cell::RefCell;
 
 use crossfall_core::instrument::{Decode, Event};
 use crossfall_core::sensors::{lms2xx, novatel};
-use crossfall_protocol::message::{Command, Level, LogLine, Message, Outcome, Profile, Reply, Status};
+use crossfall_protocol::message::{Command, Level, LogLine, Message, Outcome, Profile, Reply, Sensor, Status};
 use crossfall_protocol::{Config, DeviceTime};
 
 use crate::outbox::Outbox;
@@ -87,6 +87,11 @@ impl<'q> Acquisition<'q> {
     pub fn command(&mut self, sequence: u16, command: &Command, now: DeviceTime) {
         let Self { decode, outlets, .. } = self;
         decode.command(sequence, command, now, &mut |event| outlets.put(&event));
+    }
+
+    /// Whether a command has asked for this sensor to be brought up again; told once.
+    pub fn take_restart(&mut self, sensor: Sensor) -> bool {
+        self.decode.take_restart(sensor)
     }
 
     /// Bytes on the command line that are no command, and its sequence number when that much could be read.

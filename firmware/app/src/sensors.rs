@@ -8,7 +8,7 @@ use core::fmt::Write as _;
 use crossfall_core::sensors::lms2xx::bring_up as scanner_up;
 use crossfall_core::sensors::lms2xx::command::Baud;
 use crossfall_core::sensors::novatel::bring_up as unit_up;
-use crossfall_protocol::message::Level;
+use crossfall_protocol::message::{Level, Sensor};
 use embassy_futures::select::{Either, select};
 use embassy_time::{Duration, Timer};
 
@@ -46,6 +46,10 @@ pub async fn scanner<L: SensorLine>(shared: &Shared<'_>, mut line: L) -> ! {
             shared.borrow_mut().lidar_byte(byte, line.arrival(k), line.lost(), &mut |event| {
                 bring_up.event(event, now(), &mut |action| note(&mut actions, action));
             });
+            perform(shared, &mut line, &mut actions, &mut told_silent).await;
+        }
+        if shared.borrow_mut().take_restart(Sensor::Lidar) {
+            bring_up.restart(now(), &mut |action| note(&mut actions, action));
             perform(shared, &mut line, &mut actions, &mut told_silent).await;
         }
         bring_up.tick(now(), &mut |action| note(&mut actions, action));
@@ -92,7 +96,11 @@ pub async fn inertial<L: SensorLine>(shared: &Shared<'_>, mut line: L) -> ! {
                 });
             }
         }
-        bring_up.tick(now(), &mut |action| note(&mut actions, action));
+        if shared.borrow_mut().take_restart(Sensor::Ins) {
+            bring_up.restart(now(), &mut |action| note(&mut actions, action));
+        } else {
+            bring_up.tick(now(), &mut |action| note(&mut actions, action));
+        }
         for action in &actions {
             match action {
                 unit_up::Action::Send(command) => {

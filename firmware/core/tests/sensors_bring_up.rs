@@ -292,6 +292,22 @@ mod scanner {
     }
 
     #[test]
+    fn that_is_to_be_restarted_is_set_up_anew_although_it_runs() {
+        let mut bench = Bench::new(Scanner::new(500_000));
+        bench.run_until_scans(12_000);
+        bench.progress.clear();
+        let mut actions = Vec::new();
+        bench.bring_up.restart(DeviceTime(bench.now), &mut |action| actions.push(action));
+        for action in actions {
+            bench.act(action);
+        }
+        bench.run_until_scans(12_000);
+        bench.run(300);
+        bench.assert_as_wanted();
+        assert!(bench.saw(Progress::Doing(Step::Stop)) && bench.saw(Progress::Doing(Step::Start)));
+    }
+
+    #[test]
     fn is_waited_for_as_long_as_it_is_silent_and_the_pauses_grow() {
         let mut scanner = Scanner::new(9_600);
         scanner.power = false;
@@ -524,6 +540,22 @@ mod receiver {
         bench.receiver.power = true;
         bench.run(2_000);
         assert!(bench.bring_up.is_running() && bench.poses > 0);
+    }
+
+    #[test]
+    fn that_is_to_be_restarted_is_asked_anew_although_it_sends() {
+        let mut bench = SpanBench::new();
+        bench.run(5_000);
+        bench.progress.clear();
+        let (now, receiver) = (bench.now, &mut bench.receiver);
+        bench.bring_up.restart(DeviceTime(now), &mut |action| {
+            if let novatel::bring_up::Action::Send(line) = action {
+                receiver.hear(now, line);
+            }
+        });
+        bench.run(3_000);
+        assert_eq!(bench.progress, [Progress::Checking, Progress::Running]);
+        assert_eq!((bench.receiver.received.len(), bench.receiver.logs.len()), (6, 2));
     }
 
     #[test]

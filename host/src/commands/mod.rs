@@ -2,21 +2,26 @@
 
 mod calibrate;
 mod cloud;
+mod compare;
 mod completions;
 mod config;
 mod demo;
 mod export;
 mod import;
 mod info;
+mod monitor;
 mod plot;
 mod profiles;
 mod progress;
 mod record;
+mod recover;
+mod replay;
 mod report;
 mod reproduce;
 mod reproduce_terrain;
 mod risk;
 mod run;
+mod serve;
 mod simulate;
 mod terrain_scene;
 mod verify;
@@ -53,9 +58,14 @@ pub enum Command {
     Import(import::Args),
     Run(run::Args),
     Record(record::Args),
+    Replay(replay::Args),
+    Recover(recover::Args),
+    Serve(serve::Args),
+    Monitor(monitor::Args),
     Verify(verify::Args),
     Profiles(profiles::Args),
     Calibrate(calibrate::Args),
+    Compare(compare::Args),
     Plot(plot::Args),
     Cloud(cloud::Args),
     Report(report::Args),
@@ -90,9 +100,14 @@ impl Command {
             Self::Import(args) => import::run(&args),
             Self::Run(args) => run::run(&args),
             Self::Record(args) => record::run(&args),
+            Self::Replay(args) => replay::run(&args),
+            Self::Recover(args) => recover::run(&args),
+            Self::Serve(args) => serve::run(&args),
+            Self::Monitor(args) => monitor::run(&args),
             Self::Verify(args) => verify::run(&args),
             Self::Profiles(args) => profiles::run(&args),
             Self::Calibrate(args) => calibrate::run(&args),
+            Self::Compare(args) => compare::run(&args),
             Self::Plot(args) => plot::run(&args),
             Self::Cloud(args) => cloud::run(&args),
             Self::Report(args) => report::run(&args),

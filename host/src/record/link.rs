@@ -6,7 +6,7 @@ use crossfall_core::protocol::Config;
 use crossfall_core::protocol::frame::{Event, Gap, HostDecoder, MAX_MESSAGE_FRAME, Sequence};
 use crossfall_core::protocol::message::Message;
 
-use super::{Notice, Summary};
+use super::{Notice, Summary, Tape};
 use crate::{log, output};
 
 /// The host's end of the link.
@@ -36,7 +36,7 @@ impl Link {
         &mut self,
         receive_ns: u64,
         mut bytes: &[u8],
-        log: &mut log::Writer,
+        log: &mut impl Tape,
         summary: &mut Summary,
         notice: &mut impl FnMut(Notice),
     ) -> Result<(), output::Error> {
@@ -58,6 +58,9 @@ impl Link {
                                 Message::Hello(hello) => hello.restart.to_owned(),
                                 _ => "its numbers begin again".to_owned(),
                             };
+                            let number = (summary.restarts + 1).to_string();
+                            let entries = [("number".to_owned(), number), ("why".to_owned(), why.clone())].into();
+                            log.metadata(log::metadata::SEGMENT, entries)?;
                             notice(Notice::Restarted { why });
                         }
                         describe(&frame.body, &mut self.identity, &mut self.config, log, notice)?;
@@ -66,7 +69,7 @@ impl Link {
                             Message::Status(status) => summary.status = status,
                             _ => {}
                         }
-                        log.frame(receive_ns, frame.raw)?;
+                        log.frame(receive_ns, frame.raw, Some(&frame.body))?;
                     }
                     Event::Rejected(rejected) => {
                         count(summary, rejected.raw);
@@ -74,7 +77,7 @@ impl Link {
                         if let Some(sequence) = rejected.sequence {
                             self.sequence.observe(sequence);
                         }
-                        log.frame(receive_ns, rejected.raw)?;
+                        log.frame(receive_ns, rejected.raw, None)?;
                     }
                 }
                 summary.missing_frames = self.sequence.missing();
@@ -87,11 +90,11 @@ impl Link {
     }
 
     /// The stream is broken here: what there is of a frame is logged.
-    pub fn cut(&mut self, log: &mut log::Writer, summary: &mut Summary) -> Result<(), output::Error> {
+    pub fn cut(&mut self, log: &mut impl Tape, summary: &mut Summary) -> Result<(), output::Error> {
         let Some(rejected) = self.decoder.finish() else { return Ok(()) };
         count(summary, rejected.raw);
         summary.bad_frames += 1;
-        log.frame(self.latest_ns, rejected.raw)
+        log.frame(self.latest_ns, rejected.raw, None)
     }
 }
 
@@ -105,7 +108,7 @@ fn describe(
     message: &Message<'_>,
     identity: &mut BTreeMap<String, String>,
     config: &mut Option<Config>,
-    log: &mut log::Writer,
+    log: &mut impl Tape,
     notice: &mut impl FnMut(Notice),
 ) -> Result<(), output::Error> {
     match message {

@@ -1,13 +1,13 @@
 //! The thread that drains the port, and connects again when it is gone.
 
-use std::io::{self, ErrorKind};
+use std::io::{self, ErrorKind, Read, Write};
 use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use super::buffer::{Buffer, Event};
 use super::device::{Device, Port, identify};
-use super::{Clock, SILENCE};
+use super::{Clock, Outbox, SILENCE};
 
 /// The first and the longest pause between two attempts to connect; each is twice the one before.
 const PAUSES: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(2));
@@ -16,14 +16,15 @@ const PAUSES: (Duration, Duration) = (Duration::from_millis(100), Duration::from
 const READ_BYTES: usize = 4096;
 
 /// Starts the reader. It ends when the buffer says so: after a read, a pause or an attempt to connect.
-pub fn spawn(device: Device, port: Box<dyn Port>, clock: Clock, buffer: Arc<Buffer>) -> io::Result<()> {
-    let reader = Reader { device, clock, buffer, pause: PAUSES.0, gone: false };
+pub fn spawn(device: Device, port: Box<dyn Port>, outbox: Outbox, clock: Clock, buffer: Arc<Buffer>) -> io::Result<()> {
+    let reader = Reader { device, outbox, clock, buffer, pause: PAUSES.0, gone: false };
     // Not joined: an attempt to connect may take seconds, and the log does not wait for it.
     thread::Builder::new().name("reader".to_owned()).spawn(move || reader.run(port)).map(drop)
 }
 
 struct Reader {
     device: Device,
+    outbox: Outbox,
     clock: Clock,
     buffer: Arc<Buffer>,
     pause: Duration,
@@ -50,6 +51,8 @@ impl Reader {
     fn drain(&mut self, mut port: Box<dyn Port>) -> Option<io::Error> {
         let mut bytes = [0; READ_BYTES];
         let mut heard = Instant::now();
+        // What was to be said while nothing was connected would now come too late.
+        while self.outbox.take().is_some() {}
         while !self.buffer.stopped_within(Duration::ZERO) {
             match port.read(&mut bytes) {
                 Ok(0) => return Some(io::Error::new(ErrorKind::UnexpectedEof, "closed by the other end")),
@@ -67,6 +70,11 @@ impl Reader {
                     ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted => {}
                     _ => return Some(error),
                 },
+            }
+            while let Some(frame) = self.outbox.take() {
+                if let Err(error) = port.write_all(&frame) {
+                    return Some(error);
+                }
             }
             // Asking shows a connection that is dead without a word, and wakes a board that was plugged in behind it.
             if heard.elapsed() > SILENCE {

@@ -68,8 +68,8 @@ const fn framed(payload: usize) -> usize {
     cobs::max_encoding_length(payload + CRC_LEN) + 1
 }
 
-/// Longest frame from the board to the host, delimiter included. Pulses, clock states, replies and sessions are
-/// shorter than a pose.
+/// Longest frame from the board to the host, delimiter included. Pulses, clock states, replies, sessions
+/// and markers are shorter than a pose.
 pub const MAX_MESSAGE_FRAME: usize = framed(longest(&[SCAN, HELLO, LOG, PROFILE, CONFIG, STATUS, POSE]));
 
 /// Longest frame from the host to the board, delimiter included: a configuration.

@@ -120,6 +120,10 @@ pub fn message_examples(code: &[u8]) -> Vec<(&'static str, Message<'_>)> {
         ("Reply", Message::Reply(Reply { to: 5, outcome: Outcome::Pong(0xC0FFEE) })),
         ("Session", Message::Session(Session::Started(DeviceTime(2_000_000)))),
         ("Skip", Message::Skip(Skip::Scan(4_724))),
+        (
+            "Marker",
+            Message::Marker(Marker { time: DeviceTime(125_900_000), number: 2, label: Label::new("bridge 14") }),
+        ),
     ]
 }
 
@@ -131,6 +135,8 @@ pub fn command_examples() -> Vec<(&'static str, Command)> {
         ("Configure", Command::Configure(Config::default())),
         ("Start", Command::Start),
         ("Stop", Command::Stop),
+        ("Mark", Command::Mark(Label::new("bridge 14"))),
+        ("Restart", Command::Restart(Sensor::Ins)),
     ]
 }
 
@@ -253,6 +259,7 @@ pub fn worst_messages() -> Vec<(Message<'static>, usize)> {
         (Message::Reply(Reply { to: u16::MAX, outcome: Outcome::Pong(most) }), 4 + 3 + 1 + 5),
         (Message::Session(Session::Stopped(far)), 4 + 1 + 10),
         (Message::Skip(Skip::Pose(far)), 4 + 1 + 10),
+        (Message::Marker(Marker { time: far, number: most, label: Label([255; Label::MAX]) }), 4 + 10 + 5 + 24),
     ]
 }
 
@@ -463,6 +470,8 @@ fn any_short_message() -> impl Strategy<Value = Message<'static>> {
         })),
         any::<u32>().prop_map(|scan| Message::Skip(Skip::Scan(scan))),
         any_time().prop_map(|pose| Message::Skip(Skip::Pose(pose))),
+        (any_time(), any::<u32>(), any::<[u8; Label::MAX]>())
+            .prop_map(|(time, number, label)| Message::Marker(Marker { time, number, label: Label(label) })),
     ]
 }
 
@@ -487,5 +496,7 @@ pub fn any_command() -> impl Strategy<Value = Command> {
         any_config().prop_map(Command::Configure),
         Just(Command::Start),
         Just(Command::Stop),
+        any::<[u8; Label::MAX]>().prop_map(|label| Command::Mark(Label(label))),
+        prop_oneof![Just(Sensor::Lidar), Just(Sensor::Ins)].prop_map(Command::Restart),
     ]
 }

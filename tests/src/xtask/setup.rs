@@ -5,13 +5,14 @@ use crate::shell::{self, Tally};
 /// The board's compilation target.
 const TARGET: &str = "thumbv7em-none-eabihf";
 
-/// The ARM target, QEMU 9 or newer, cargo-deny, and where there is a Python the programs that open what is handed in.
+/// The ARM target, QEMU 9 or newer, chromium, cargo-deny, and where there is a Python the programs that open what is handed in.
 pub fn install(tally: &mut Tally) -> Result<(), String> {
     let targets = shell::output("rustup target list --installed").unwrap_or_default();
     if !targets.lines().any(|line| line.trim() == TARGET) {
         shell::run(&format!("rustup target add {TARGET}"), "", tally)?;
     }
     shell::run("sh tests/scripts/install-emulator.sh", "", tally)?;
+    shell::run("sh tests/scripts/install-browser.sh", "", tally)?;
     if !shell::succeeds("cargo deny --version") {
         eprintln!("  cargo-deny is missing: building it (a few minutes, once)");
         shell::run("cargo install --locked cargo-deny", "", tally)?;

@@ -4,7 +4,8 @@
 //! turns away is counted in [`Status`].
 
 use crossfall_protocol::message::{
-    ClockState, Command, Hello, LineCounters, Message, Outcome, Pose, Pulse, PulseVerdict, Reply, Session, Status,
+    ClockState, Command, Hello, LineCounters, Marker, Message, Outcome, Pose, Pulse, PulseVerdict, Reply, Sensor,
+    Session, Status,
 };
 use crossfall_protocol::{Config, DeviceTime, schema};
 
@@ -55,6 +56,15 @@ pub struct Decode {
     state: State,
     next_status: Option<DeviceTime>,
     losses: Losses,
+    markers: u32,
+    restarts: Restarts,
+}
+
+/// Sensors that are to be brought up again, until whoever does that has taken note.
+#[derive(Clone, Copy, Debug, Default)]
+struct Restarts {
+    lidar: bool,
+    ins: bool,
 }
 
 /// What decoded frames change. Apart from the decoders, so that these can lend out a frame while it is acted on.
@@ -86,6 +96,8 @@ impl Decode {
             },
             next_status: None,
             losses: Losses::default(),
+            markers: 0,
+            restarts: Restarts::default(),
         }
     }
 
@@ -187,6 +199,15 @@ impl Decode {
                 self.stop(now, out);
                 Outcome::Done
             }
+            Command::Mark(label) => {
+                out(Event::Message(Message::Marker(Marker { time: now, number: self.markers, label: *label })));
+                self.markers = self.markers.wrapping_add(1);
+                Outcome::Done
+            }
+            Command::Restart(sensor) => {
+                *self.restart_of(*sensor) = true;
+                Outcome::Done
+            }
         };
         out(Event::Message(Message::Reply(Reply { to: sequence, outcome })));
     }
@@ -217,6 +238,11 @@ impl Decode {
         out(Event::Message(Message::Status(self.status(now))));
     }
 
+    /// Whether a command has asked for this sensor to be brought up again; asked once, told once. A board's sensor tasks look here.
+    pub fn take_restart(&mut self, sensor: Sensor) -> bool {
+        core::mem::take(self.restart_of(sensor))
+    }
+
     /// What was lost outside of this layer, for the caller to count in.
     pub fn losses(&mut self) -> &mut Losses {
         &mut self.losses
@@ -240,6 +266,13 @@ impl Decode {
             pulses_overrun: self.losses.pulses_overrun,
             frames_dropped: self.losses.frames_dropped,
             commands_rejected: self.losses.commands_rejected,
+        }
+    }
+
+    fn restart_of(&mut self, sensor: Sensor) -> &mut bool {
+        match sensor {
+            Sensor::Lidar => &mut self.restarts.lidar,
+            Sensor::Ins => &mut self.restarts.ins,
         }
     }
 

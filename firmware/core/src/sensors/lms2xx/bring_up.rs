@@ -203,6 +203,12 @@ impl BringUp {
         self.deadline
     }
 
+    /// Begins from the start, as with a scanner of which nothing is known.
+    pub fn restart(&mut self, now: DeviceTime, out: &mut impl FnMut(Action)) {
+        self.is_set_up = false;
+        self.search(now, out);
+    }
+
     /// Lets time pass: to be called at least every few milliseconds.
     pub fn tick(&mut self, now: DeviceTime, out: &mut impl FnMut(Action)) {
         if now < self.deadline {

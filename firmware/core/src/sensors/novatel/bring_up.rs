@@ -111,6 +111,12 @@ impl<const N: usize> BringUp<N> {
         self.phase == Phase::Running
     }
 
+    /// Begins from the start: clears the receiver's logs and requests its own.
+    pub fn restart(&mut self, now: DeviceTime, out: &mut impl FnMut(Action)) {
+        self.pause_ms = FIRST_PAUSE_MS;
+        self.clear(now, out);
+    }
+
     /// Lets time pass: to be called at least every few milliseconds.
     pub fn tick(&mut self, now: DeviceTime, out: &mut impl FnMut(Action)) {
         if self.phase == Phase::Running {

@@ -1,0 +1,271 @@
+//! One board, or one film, and everybody who looks at it.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use crossfall_core::protocol::Config;
+use crossfall_core::protocol::message::{Command, Label};
+use serde::Deserialize;
+use tokio::sync::oneshot;
+
+use super::commands::Commands;
+use super::film::Film;
+use super::hub::Hub;
+use super::model::Model;
+use super::player::{Controls, Player};
+use super::state::SourceState;
+use super::tape::{LiveTape, Shared};
+use crate::container;
+use crate::record::{self, Device, Notice, Port};
+
+/// Frames that may wait for the model: more than ten seconds of a board's stream.
+const WAITING: usize = 4_096;
+
+/// How often the state is told.
+const TOLD: Duration = Duration::from_millis(200);
+
+/// Where frames come from.
+#[derive(Clone, Debug)]
+pub enum Source {
+    /// A board.
+    Device(Device),
+    /// A capture or a log.
+    File(PathBuf),
+}
+
+/// What the recorder's thread is to do.
+#[derive(Debug)]
+pub enum Order {
+    /// Begin a recording.
+    Record {
+        /// The drive's name.
+        name: String,
+        /// The log's path, or why there is none.
+        tell: oneshot::Sender<Result<String, String>>,
+    },
+    /// End it.
+    Stop {
+        /// Whether there was one to end.
+        tell: Option<oneshot::Sender<Result<(), String>>>,
+    },
+}
+
+/// What is to become of a rock test.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RockOrder {
+    /// Begin one.
+    Begin,
+    /// Enough: make an estimate.
+    End,
+    /// Give it up, or forget its result.
+    Cancel,
+}
+
+/// What the model hears.
+#[derive(Debug)]
+pub enum Heard {
+    /// A frame as received.
+    Frame(Box<[u8]>),
+    /// Something about the connection.
+    Notice(Notice),
+    /// What is to become of a rock test.
+    Rock(RockOrder),
+}
+
+/// See the module. Dropping it ends the recording, if there is one, with a whole log.
+pub struct Live {
+    hub: Arc<Hub>,
+    commands: Arc<Commands>,
+    controls: Option<Controls>,
+    orders: Sender<Order>,
+    heard: SyncSender<Heard>,
+    stop: Arc<AtomicBool>,
+    threads: Mutex<Vec<JoinHandle<()>>>,
+}
+
+/// Why nothing can be looked at.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The file cannot be played.
+    #[error(transparent)]
+    File(#[from] container::Error),
+    /// A thread cannot be started.
+    #[error("cannot start a thread: {0}")]
+    Thread(#[from] io::Error),
+}
+
+impl Live {
+    /// Connects, or begins to play. A board that is not there yet is waited for.
+    ///
+    /// # Errors
+    /// When the file can be read as neither capture nor log, or a thread cannot be started.
+    pub fn start(source: &Source, folder: &Path, speed: f64, config: Option<Config>) -> Result<Self, Error> {
+        let (device, port, controls, kind, name) = match source {
+            Source::Device(device) => {
+                let port = device.connect().unwrap_or_else(|error| Box::new(Absent(Some(error))));
+                (device.clone(), port, None, "device", device.to_string())
+            }
+            Source::File(path) => {
+                let film = Film::open(path, config)?;
+                let kind = if matches!(film, Film::Capture(_)) { "capture" } else { "log" };
+                let (player, controls) = Player::new(film, speed);
+                // A film's end is no lost connection; one whose file fails is looked for at a port that nobody has.
+                let nowhere = Device::Tcp { address: "127.0.0.1:0".to_owned() };
+                let port: Box<dyn Port> = Box::new(player);
+                (nowhere, port, Some(controls), kind, path.display().to_string())
+            }
+        };
+        let source = SourceState { kind, name, folder: folder.display().to_string() };
+        let hub = Arc::new(Hub::default());
+        let commands = Arc::new(Commands::default());
+        let shared = Arc::new(Mutex::new(Shared::default()));
+        let stop = Arc::new(AtomicBool::new(false));
+        let recorded = Arc::new(AtomicBool::new(false));
+        let unheard = Arc::new(AtomicU64::new(0));
+        let (orders, obeyed) = channel();
+        let (heard, hears) = sync_channel(WAITING);
+
+        let mut tape = LiveTape::new(
+            folder.to_path_buf(),
+            obeyed,
+            heard.clone(),
+            Arc::clone(&unheard),
+            Arc::clone(&shared),
+            Arc::clone(&commands),
+        );
+        let recorder = {
+            let (commands, shared, heard) = (Arc::clone(&commands), Arc::clone(&shared), heard.clone());
+            let (stop, recorded) = (Arc::clone(&stop), Arc::clone(&recorded));
+            move || {
+                // The tape keeps its own errors: only the reader's thread can fail here, and the link's lamp shows that nothing comes.
+                let _failed = record::converse(
+                    &device,
+                    port,
+                    &mut tape,
+                    commands.outbox(),
+                    |notice| {
+                        let _full = heard.try_send(Heard::Notice(notice));
+                    },
+                    |summary| {
+                        shared.lock().unwrap_or_else(PoisonError::into_inner).summary = summary.clone();
+                        !stop.load(Ordering::Relaxed)
+                    },
+                );
+                tape.finish();
+                recorded.store(true, Ordering::Relaxed);
+            }
+        };
+        let model = {
+            let mut model = Model::new(
+                Arc::clone(&hub),
+                Arc::clone(&commands),
+                Arc::clone(&shared),
+                controls.clone(),
+                source,
+                unheard,
+            );
+            let recorded = Arc::clone(&recorded);
+            model.tell();
+            move || {
+                let mut told = Instant::now();
+                loop {
+                    match hears.recv_timeout(TOLD / 4) {
+                        Ok(heard) => model.hear(heard),
+                        Err(RecvTimeoutError::Timeout) if !recorded.load(Ordering::Relaxed) => {}
+                        // The recorder has ended and everything is heard: the last word.
+                        Err(_) => return model.tell(),
+                    }
+                    if told.elapsed() >= TOLD {
+                        told = Instant::now();
+                        model.tell();
+                    }
+                }
+            }
+        };
+        let threads = vec![
+            thread::Builder::new().name("recorder".to_owned()).spawn(recorder)?,
+            thread::Builder::new().name("model".to_owned()).spawn(model)?,
+        ];
+        Ok(Self { hub, commands, controls, orders, heard, stop, threads: Mutex::new(threads) })
+    }
+
+    /// What there is to see.
+    #[must_use]
+    pub fn hub(&self) -> &Arc<Hub> {
+        &self.hub
+    }
+
+    /// The replay's transport, if it is one.
+    #[must_use]
+    pub fn controls(&self) -> Option<&Controls> {
+        self.controls.as_ref()
+    }
+
+    /// Begins a recording, or ends the one there is; what comes of it shows in the state.
+    pub fn toggle_recording(&self) {
+        let order = match self.hub.state().recording.phase {
+            super::Phase::Idle => Order::Record { name: String::new(), tell: oneshot::channel().0 },
+            _ => Order::Stop { tell: None },
+        };
+        self.order(order);
+    }
+
+    /// Drops a marker; what comes of it shows in the state.
+    pub fn mark(&self, label: &str) {
+        self.commands.send(&Command::Mark(Label::new(label)));
+    }
+
+    pub(super) fn commands(&self) -> &Commands {
+        &self.commands
+    }
+
+    pub(super) fn order(&self, order: Order) {
+        // Gone only when this is being dropped: then who asked gets no answer.
+        let _gone = self.orders.send(order);
+    }
+
+    pub(super) fn rock(&self, order: RockOrder) {
+        let _gone = self.heard.try_send(Heard::Rock(order));
+    }
+
+    /// Ends the recording, if there is one, and every thread.
+    pub fn finish(&self) {
+        self.stop.store(true, Ordering::Relaxed);
+        let threads = std::mem::take(&mut *self.threads.lock().unwrap_or_else(PoisonError::into_inner));
+        for thread in threads {
+            // A thread that panicked has told so.
+            let _told = thread.join();
+        }
+    }
+}
+
+impl Drop for Live {
+    fn drop(&mut self) {
+        self.finish();
+    }
+}
+
+/// A port that is not there: its first read says why, and the reader looks for it from then on.
+struct Absent(Option<io::Error>);
+
+impl io::Read for Absent {
+    fn read(&mut self, _: &mut [u8]) -> io::Result<usize> {
+        Err(self.0.take().unwrap_or_else(|| io::ErrorKind::NotConnected.into()))
+    }
+}
+
+impl io::Write for Absent {
+    fn write(&mut self, _: &[u8]) -> io::Result<usize> {
+        Err(io::ErrorKind::NotConnected.into())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}

@@ -1,0 +1,76 @@
+//! Where a recording goes, and what is said to the board meanwhile.
+//!
+//! A log is a [`Tape`]; so is what the live page looks at, which starts and ends logs while the connection lasts. Commands go to the
+//! board through an [`Outbox`], written by the thread that owns the port between two of its reads: at most a read's time late.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crossfall_core::protocol::message::Message;
+
+use crate::{log, output};
+
+/// Commands that may wait; the oldest are given up. None outlives the connection that it was meant for.
+const WAITING: usize = 64;
+
+/// Takes what comes from a board.
+pub trait Tape {
+    /// A frame as received, the delimiting 0x00 included, and its message where it is good.
+    ///
+    /// # Errors
+    /// When it cannot be written; this ends the recording.
+    fn frame(&mut self, receive_ns: u64, raw: &[u8], message: Option<&Message<'_>>) -> Result<(), output::Error>;
+
+    /// A metadata record, see [`log::metadata`].
+    ///
+    /// # Errors
+    /// As of [`Tape::frame`].
+    fn metadata(&mut self, name: &str, entries: BTreeMap<String, String>) -> Result<(), output::Error>;
+
+    /// Bytes on the disk, in how many files.
+    fn extent(&self) -> (u64, u32);
+
+    /// Time goes by; called at least twenty times a second.
+    ///
+    /// # Errors
+    /// As of [`Tape::frame`].
+    fn settle(&mut self, now_ns: u64) -> Result<(), output::Error>;
+}
+
+impl Tape for log::Writer {
+    fn frame(&mut self, receive_ns: u64, raw: &[u8], _: Option<&Message<'_>>) -> Result<(), output::Error> {
+        Self::frame(self, receive_ns, raw)
+    }
+
+    fn metadata(&mut self, name: &str, entries: BTreeMap<String, String>) -> Result<(), output::Error> {
+        Self::metadata(self, name, entries)
+    }
+
+    fn extent(&self) -> (u64, u32) {
+        (self.bytes(), self.parts())
+    }
+
+    fn settle(&mut self, now_ns: u64) -> Result<(), output::Error> {
+        Self::settle(self, now_ns)
+    }
+}
+
+/// Frames on their way to the board. Clones share one queue.
+#[derive(Clone, Debug, Default)]
+pub struct Outbox(Arc<Mutex<VecDeque<Vec<u8>>>>);
+
+impl Outbox {
+    /// Queues a frame.
+    pub fn put(&self, frame: Vec<u8>) {
+        let mut queue = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if queue.len() == WAITING {
+            queue.pop_front();
+        }
+        queue.push_back(frame);
+    }
+
+    /// The next frame to be written.
+    pub(super) fn take(&self) -> Option<Vec<u8>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).pop_front()
+    }
+}

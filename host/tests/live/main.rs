@@ -1,0 +1,338 @@
+//! The live page's interface: what is served and what is refused, what viewers see, and that what they ask for is in the log.
+
+mod bench;
+mod browser;
+mod devtools;
+
+use std::fs;
+use std::io::Write;
+use std::net::TcpStream;
+use std::thread;
+use std::time::Duration;
+
+use bench::{Bench, Viewer, await_that, http, marker_labels};
+use crossfall::serve::Access;
+use crossfall::verify;
+use serde_json::json;
+
+#[test]
+fn the_page_is_served_whole_and_nothing_beside_it() {
+    let bench = Bench::on_capture(1.0);
+    let page = http(bench.address, "GET / HTTP/1.1", &[], "");
+    assert_eq!(page.status, 200);
+    assert!(page.header("content-type").unwrap().starts_with("text/html"));
+    assert!(page.header("content-security-policy").unwrap().contains("default-src 'none'"));
+    // Everything that the page loads is here, and nothing comes from elsewhere.
+    assert!(!page.body.contains("http://") && !page.body.contains("https://"));
+    for path in
+        ["/live.css", "/icon.svg", "/main.js", "/wire.js", "/section.js", "/charts.js", "/panels.js", "/settings.js"]
+    {
+        let asset = http(bench.address, &format!("GET {path} HTTP/1.1"), &[], "");
+        assert_eq!(asset.status, 200, "{path}");
+        assert!(!asset.body.is_empty() && !asset.body.contains("https://"), "{path}");
+    }
+    for path in [
+        "/../Cargo.toml",
+        "/..%2f..%2fCargo.toml",
+        "/%2e%2e/%2e%2e/etc/passwd",
+        "/assets/../../src/main.rs",
+        "//etc/passwd",
+        "/main.js/..",
+        "/main.js%00.css",
+        "/api/",
+        "/drive.log.mcap",
+    ] {
+        let answer = http(bench.address, &format!("GET {path} HTTP/1.1"), &[], "");
+        assert!(matches!(answer.status, 400 | 404), "{path}: {}", answer.status);
+        assert!(!answer.body.contains("[package]") && !answer.body.contains("root:"), "{path}");
+    }
+    assert_eq!(http(bench.address, "DELETE / HTTP/1.1", &[], "").status, 405);
+    assert_eq!(http(bench.address, "GET /api/command HTTP/1.1", &[], "").status, 405);
+    assert_eq!(http(bench.address, "nonsense", &[], "").status, 400);
+}
+
+#[test]
+fn without_the_token_there_is_nothing() {
+    const TOKEN: &str = "0123456789abcdef0123";
+    let bench = Bench::on_capture_with(1.0, Access::Token(TOKEN.into()));
+    for path in ["/", "/main.js", "/api/state", "/api/config", "/metrics", "/api/live", "/nothing", "/?token=wrong"] {
+        let answer = http(bench.address, &format!("GET {path} HTTP/1.1"), &[], "");
+        assert_eq!(answer.status, 401, "{path}");
+        assert!(!answer.body.contains("lamps") && !answer.body.contains("script"), "{path}");
+    }
+    let post = http(bench.address, "POST /api/command HTTP/1.1", &[], r#"{"do":"record"}"#);
+    assert_eq!(post.status, 401);
+    assert!(Viewer::try_join(bench.address, &[]).is_err(), "no handshake without the token");
+
+    let bearer = format!("Authorization: Bearer {TOKEN}");
+    assert_eq!(http(bench.address, "GET /api/state HTTP/1.1", &[&bearer], "").status, 200);
+    let first = http(bench.address, &format!("GET /?token={TOKEN} HTTP/1.1"), &[], "");
+    assert_eq!((first.status, first.header("location")), (303, Some("/")));
+    let cookie = first.header("set-cookie").unwrap();
+    assert!(cookie.contains("HttpOnly") && cookie.contains("SameSite=Strict"), "{cookie}");
+    let cookie = format!("Cookie: {}", cookie.split(';').next().unwrap());
+    assert_eq!(http(bench.address, "GET / HTTP/1.1", &[&cookie], "").status, 200);
+    let mut viewer = Viewer::try_join(bench.address, &[("Cookie", &cookie[8..])]).unwrap();
+    assert_eq!(viewer.until_state(|_| true)["kind"], "state");
+}
+
+#[test]
+fn another_sites_page_is_turned_away() {
+    let bench = Bench::on_capture(1.0);
+    let foreign = http(bench.address, "GET /api/state HTTP/1.1", &["Origin: http://evil.example"], "");
+    assert_eq!(foreign.status, 403);
+    assert!(Viewer::try_join(bench.address, &[("Origin", "http://evil.example")]).is_err());
+    // A name that somebody else's server points at this computer.
+    let mut stream = TcpStream::connect(bench.address).unwrap();
+    stream.write_all(b"GET /api/state HTTP/1.1\r\nHost: evil.example\r\nConnection: close\r\n\r\n").unwrap();
+    assert_eq!(bench::answer(stream).status, 403);
+}
+
+#[test]
+fn viewers_see_sections_charts_track_and_state() {
+    let bench = Bench::on_capture(4.0);
+    let mut viewer = Viewer::join(bench.address);
+    let state = viewer.until_state(|state| state["motion"]["station_m"].as_f64().is_some_and(|m| m > 150.0));
+    for part in ["lidar", "ins", "pulse", "disk", "link"] {
+        let lamp = &state["lamps"][part];
+        assert_eq!(lamp["light"], "good", "{part}: {lamp}");
+    }
+    assert!(state["motion"]["points_per_mile"].as_f64().is_some_and(|n| n > 500.0), "{}", state["motion"]);
+    assert!((state["motion"]["scan_hz"].as_f64().unwrap() - 37.5).abs() < 1.0);
+    assert!(viewer.sections > 10 && viewer.strips > 3 && viewer.knots > 5, "{viewer:?}");
+    // The section's header, and a point of 4 bytes for each return.
+    let section = &viewer.last_section;
+    let points = usize::from(u16::from_le_bytes([section[2], section[3]]));
+    assert!(points > 100 && section.len() == 212 + 4 * points, "{} {points}", section.len());
+
+    let config = http(bench.address, "GET /api/config HTTP/1.1", &[], "");
+    assert!(config.body.contains("mounting_offset_deg"), "{}", config.body);
+    let metrics = http(bench.address, "GET /metrics HTTP/1.1", &[], "").body;
+    assert!(metrics.contains("crossfall_lamp{part=\"lidar\"} 1\n"), "{metrics}");
+    assert!(metrics.contains("crossfall_viewers 1\n"));
+    for line in metrics.lines().filter(|line| !line.starts_with('#')) {
+        let (name, value) = line.rsplit_once(' ').unwrap();
+        assert!(name.starts_with("crossfall_") && value.parse::<f64>().is_ok(), "{line}");
+    }
+}
+
+#[test]
+fn a_drive_is_recorded_with_its_markers_and_verifies() {
+    let bench = Bench::on_capture(2.0);
+    let mut viewer = Viewer::join(bench.address);
+    viewer.until_state(|state| state["motion"]["profiles"].as_u64() > Some(20));
+    let begun = viewer.ask(json!({ "do": "record", "name": "A1 north" }));
+    assert_eq!(begun["ok"], true, "{begun}");
+    let again = viewer.ask(json!({ "do": "record" }));
+    assert_eq!((&again["ok"], &again["error"]), (&json!(false), &json!("a recording is under way")));
+    viewer.until_state(|state| state["recording"]["profiles"].as_u64() > Some(30));
+    assert_eq!(viewer.ask(json!({ "do": "mark", "label": "bridge" }))["ok"], true);
+    assert_eq!(viewer.ask(json!({ "do": "mark" }))["ok"], true);
+    let long = viewer.ask(json!({ "do": "mark", "label": "x".repeat(25) }));
+    assert_eq!(long["ok"], false);
+    viewer.until_state(|state| state["recording"]["markers"] == 2);
+    let seek = viewer.ask(json!({ "do": "seek", "seconds": 1.0 }));
+    assert_eq!(seek["ok"], false, "time must not jump in a log");
+    assert_eq!(viewer.ask(json!({ "do": "stop" }))["ok"], true);
+    let state = viewer.until_state(|state| state["last_recording"].is_object());
+    let last = &state["last_recording"];
+    assert_eq!((&last["lost"], &last["error"]), (&json!(0), &json!(null)));
+
+    let log = bench.folder.path().join("A1 north.log.mcap");
+    let report = verify::verify(&log, |_| ()).unwrap();
+    assert!(report.ok, "{:?}", report.problems);
+    assert_eq!(report.profiles, last["profiles"].as_u64().unwrap());
+    assert_eq!(report.frames, last["frames"].as_u64().unwrap());
+    assert_eq!(marker_labels(&log), ["bridge", ""]);
+    // The name is taken now: the next drive gets a number.
+    let second = viewer.ask(json!({ "do": "record", "name": "A1 north" }));
+    assert!(second["result"]["file"].as_str().unwrap().ends_with("A1 north-2.log.mcap"), "{second}");
+}
+
+#[test]
+fn a_log_is_played_wound_and_measured_anew() {
+    let bench = Bench::on_log(3.0);
+    let mut viewer = Viewer::join(bench.address);
+    viewer.until_state(|state| state["motion"]["profiles"].as_u64() > Some(20));
+    assert_eq!(viewer.ask(json!({ "do": "pause", "paused": true }))["ok"], true);
+    let still =
+        viewer.until_state(|state| state["replay"]["paused"] == true && state["lamps"]["link"]["light"] == "off");
+    assert_eq!(still["lamps"]["lidar"]["light"], "off");
+    assert_eq!(viewer.ask(json!({ "do": "seek", "seconds": 8.0 }))["ok"], true);
+    viewer.until_state(|state| (state["replay"]["position_s"].as_f64().unwrap() - 8.0).abs() < 0.1);
+    assert_eq!(viewer.ask(json!({ "do": "speed", "times": 10.0 }))["ok"], true);
+    for wrong in [json!(0), json!(-1), json!(1e9)] {
+        assert_eq!(viewer.ask(json!({ "do": "speed", "times": wrong }))["ok"], false);
+    }
+    // The paper's own search over the same scans, recorded: the log proves it.
+    let toml = "[survey]\nmethod = \"seed\"\n";
+    let configured = viewer.ask(json!({ "do": "configure", "toml": toml }));
+    assert!(configured["result"]["toml"].as_str().unwrap().contains("method = \"seed\""), "{configured}");
+    assert_eq!(viewer.ask(json!({ "do": "speed", "times": 1.0 }))["ok"], true);
+    assert_eq!(viewer.ask(json!({ "do": "record", "name": "again" }))["ok"], true);
+    assert_eq!(viewer.ask(json!({ "do": "pause", "paused": false }))["ok"], true);
+    viewer.until_state(|state| state["recording"]["profiles"].as_u64() > Some(30));
+    assert_eq!(viewer.ask(json!({ "do": "stop" }))["ok"], true);
+    viewer.until_state(|state| state["last_recording"].is_object());
+    let report = verify::verify(&bench.folder.path().join("again.log.mcap"), |_| ()).unwrap();
+    assert!(report.ok && report.profiles_reproduced > 30, "{:?}", report.problems);
+}
+
+#[test]
+fn what_cannot_be_is_refused_in_words() {
+    let bench = Bench::on_capture(1.0);
+    let mut viewer = Viewer::join(bench.address);
+    viewer.until_state(|state| state["config_number"].as_u64() > Some(0));
+    for (request, words) in [
+        (
+            json!({ "do": "configure", "toml": "[scanner]\nmounting_offset_deg = 200.0" }),
+            "expected a number from -90 to 90",
+        ),
+        (json!({ "do": "configure", "toml": "[scanner]\nno = 1" }), "unknown field"),
+        (json!({ "do": "record", "name": "../outside" }), "a drive's name has letters"),
+        (json!({ "do": "record", "name": "x".repeat(200) }), "at most 80"),
+        (json!({ "do": "restart", "sensor": "lidar" }), "the board cannot do this"),
+        (json!({ "do": "restart", "sensor": "engine" }), "unknown variant"),
+        (json!({ "do": "self_destruct" }), "unknown variant"),
+        (json!({ "do": "mark", "label": "a", "more": 1 }), "unknown field"),
+        (json!({ "what": 1 }), "missing field `do`"),
+        (json!({ "do": "stop" }), "nothing is being recorded"),
+        (json!({ "do": "apply_rock_test" }), "no result"),
+    ] {
+        let answer = viewer.ask(request.clone());
+        assert_eq!(answer["ok"], false, "{request}");
+        assert!(answer["error"].as_str().unwrap().contains(words), "{request}: {answer}");
+    }
+    for text in ["", "{", "[1]", "null", "\"record\"", &"[".repeat(5_000)] {
+        let answer = viewer.ask_text(text);
+        assert_eq!(answer["ok"], false, "{text:.20}");
+    }
+    assert_eq!(viewer.ask_bytes(&[1, 2, 3])["ok"], false);
+    // Longer than any request: the connection ends, the server does not.
+    viewer.send_text(&"x".repeat(1 << 20));
+    assert!(viewer.ends());
+    for body in ["", "{", r#"{"do":"record","name":7}"#, &"x".repeat(40_000)] {
+        let answer = http(bench.address, "POST /api/command HTTP/1.1", &[], body);
+        assert!(matches!(answer.status, 400 | 413), "{body:.20}: {}", answer.status);
+    }
+    assert!(fs::read_dir(bench.folder.path()).unwrap().next().is_none(), "nothing was written");
+    assert_eq!(http(bench.address, "GET /api/state HTTP/1.1", &[], "").status, 200);
+}
+
+#[test]
+fn one_viewer_steers() {
+    let bench = Bench::on_capture(1.0);
+    let (mut a, mut b) = (Viewer::join(bench.address), Viewer::join(bench.address));
+    a.until_state(|_| true);
+    b.until_state(|_| true);
+    assert_eq!(a.ask(json!({ "do": "mark" }))["ok"], true);
+    assert_eq!(b.ask(json!({ "do": "mark" }))["error"], "another viewer steers");
+    assert_eq!(http(bench.address, "POST /api/command HTTP/1.1", &[], r#"{"do":"mark"}"#).status, 409);
+    assert_eq!(b.ask(json!({ "do": "control" }))["ok"], false);
+    assert_eq!(b.ask(json!({ "do": "control", "take": true }))["ok"], true);
+    assert_eq!(a.ask(json!({ "do": "mark" }))["ok"], false);
+    b.until_control(|control| control["mine"] == true && control["viewers"] == 2);
+    drop(b);
+    a.until_control(|control| control["held"] == false && control["viewers"] == 1);
+    assert_eq!(http(bench.address, "POST /api/command HTTP/1.1", &[], r#"{"do":"mark"}"#).status, 200);
+}
+
+#[test]
+fn a_viewer_that_takes_nothing_costs_the_recording_nothing() {
+    let bench = Bench::on_capture(10.0);
+    // Joins, and never reads.
+    let stuck = Viewer::join(bench.address);
+    let mut viewer = Viewer::join(bench.address);
+    assert_eq!(viewer.ask(json!({ "do": "pause", "paused": true }))["ok"], true);
+    assert_eq!(viewer.ask(json!({ "do": "seek", "seconds": 0.0 }))["ok"], true);
+    viewer.until_state(|state| state["replay"]["position_s"] == 0.0);
+    assert_eq!(viewer.ask(json!({ "do": "record", "name": "fast" }))["ok"], true);
+    viewer.until_state(|state| state["recording"]["phase"] == "recording");
+    assert_eq!(viewer.ask(json!({ "do": "pause", "paused": false }))["ok"], true);
+    viewer.until_state(|state| state["replay"]["ended"] == true && state["recording"]["profiles"].as_u64() > Some(100));
+    assert_eq!(viewer.ask(json!({ "do": "stop" }))["ok"], true);
+    let state = viewer.until_state(|state| state["last_recording"].is_object());
+    assert_eq!((&state["last_recording"]["lost"], &state["unviewed_frames"]), (&json!(0), &json!(0)));
+    let report = verify::verify(&bench.folder.path().join("fast.log.mcap"), |_| ()).unwrap();
+    assert!(report.ok && report.missing_frames == 0, "{:?}", report.problems);
+    drop(stuck);
+}
+
+#[test]
+fn an_unplugged_board_is_told_with_its_reason_and_comes_back() {
+    let bench = Bench::on_board();
+    let mut viewer = Viewer::join(bench.address);
+    viewer.until_state(|state| state["lamps"]["lidar"]["light"] == "good");
+    assert_eq!(viewer.ask(json!({ "do": "record", "name": "plug" }))["ok"], true);
+    viewer.until_state(|state| state["recording"]["profiles"].as_u64() > Some(10));
+    bench.board.as_ref().unwrap().unplug();
+    let gone = viewer.until_state(|state| state["lamps"]["link"]["light"] == "bad");
+    let lamp = &gone["lamps"]["link"];
+    assert!(lamp["words"].as_str().unwrap().contains("no connection"), "{lamp}");
+    assert!(lamp["advice"].as_str().unwrap().contains("cable"), "{lamp}");
+    assert_eq!(gone["lamps"]["lidar"]["light"], "off", "nothing is known of it");
+    thread::sleep(Duration::from_millis(300));
+    bench.board.as_ref().unwrap().plug_in();
+    viewer.until_state(|state| {
+        ["link", "lidar", "ins"]
+            .iter()
+            .all(|part| matches!(state["lamps"][part]["light"].as_str(), Some("good" | "warn")))
+    });
+    viewer.until_state(|state| state["lamps"]["link"]["light"] == "good");
+    assert_eq!(viewer.ask(json!({ "do": "stop" }))["ok"], true);
+    let state = viewer.until_state(|state| state["last_recording"].is_object());
+    assert!(state["last_recording"]["lost"].as_u64() > Some(0), "what was sent meanwhile is lost, and told");
+    assert!(state["faults"].as_array().unwrap().iter().any(|fault| fault["words"].as_str().unwrap().contains("lost")));
+    let report = verify::verify(&bench.folder.path().join("plug.log.mcap"), |_| ()).unwrap();
+    assert!(report.missing_frames > 0 && report.profiles_reproduced > 10);
+}
+
+#[test]
+fn a_board_that_is_not_there_is_waited_for() {
+    let bench = Bench::on_absent_board();
+    let mut viewer = Viewer::join(bench.address);
+    viewer.until_state(|state| {
+        let lamp = &state["lamps"]["link"];
+        lamp["light"] == "bad" && lamp["words"].as_str().unwrap().contains("no connection")
+    });
+    let answer = viewer.ask(json!({ "do": "mark" }));
+    assert!(answer["error"].as_str().unwrap().contains("is it connected?"), "{answer}");
+    bench.board.as_ref().unwrap().plug_in();
+    viewer.until_state(|state| state["lamps"]["lidar"]["light"] == "good");
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_is_told() {
+    let bench = Bench::on_capture(1.0);
+    let mut viewer = Viewer::join(bench.address);
+    fs::remove_dir(bench.folder.path()).unwrap();
+    let answer = viewer.ask(json!({ "do": "record", "name": "x" }));
+    assert_eq!(answer["ok"], false, "{answer}");
+    let state = viewer.until_state(|state| state["lamps"]["disk"]["light"] == "bad");
+    assert!(state["lamps"]["disk"]["advice"].as_str().unwrap().contains("folder"), "{}", state["lamps"]["disk"]);
+    fs::create_dir(bench.folder.path()).unwrap();
+    assert_eq!(viewer.ask(json!({ "do": "record", "name": "x" }))["ok"], true);
+    await_that("the log is there", || bench.folder.path().join("x.log.mcap").exists());
+}
+
+#[test]
+fn a_rock_test_finds_offset_and_delay_and_puts_them_in_force() {
+    let bench = Bench::on_rock_test();
+    let mut viewer = Viewer::join(bench.address);
+    viewer.until_state(|state| state["motion"]["profiles"].as_u64() > Some(40));
+    assert_eq!(viewer.ask(json!({ "do": "rock_test", "action": "begin" }))["ok"], true);
+    let live = viewer.until_state(|state| state["rock_test"]["scans"].as_u64() > Some(600));
+    assert!(live["rock_test"]["roll_rate_deg_s"].as_f64() > Some(1.0), "{}", live["rock_test"]);
+    assert!(live["rock_test"]["residual_deg"].is_array());
+    assert_eq!(viewer.ask(json!({ "do": "rock_test", "action": "end" }))["ok"], true);
+    let done = viewer.until_state(|state| state["rock_test"]["estimate"].is_object());
+    let estimate = &done["rock_test"]["estimate"];
+    assert!((estimate["roll_offset_deg"].as_f64().unwrap() - bench::ROCK_OFFSET_DEG).abs() < 0.1, "{estimate}");
+    assert!((estimate["lidar_delay_us"].as_f64().unwrap() - bench::ROCK_DELAY_US).abs() < 2_000.0, "{estimate}");
+    let applied = viewer.ask(json!({ "do": "apply_rock_test" }));
+    assert_eq!(applied["ok"], true, "{applied}");
+    let toml = applied["result"]["toml"].as_str().unwrap();
+    let line = toml.lines().find(|line| line.starts_with("mounting_offset_deg")).unwrap();
+    let offset: f64 = line.split(['=', '#']).nth(1).unwrap().trim().parse().unwrap();
+    assert!((offset - bench::ROCK_OFFSET_DEG).abs() < 0.1, "{line}");
+}
