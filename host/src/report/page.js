@@ -95,7 +95,7 @@
     }
     for (let i = 0; i < y.length; i++) {
       if (Math.abs(y[i]) <= reach && z[i] >= low && z[i] <= high) {
-        svg.append(make("circle", { class: "point", cx: px(y[i]).toFixed(1), cy: py(z[i]).toFixed(1), r: 1.8 }));
+        svg.append(make("circle", { class: "point", cx: px(y[i]).toFixed(1), cy: py(z[i]).toFixed(1), r: 1.6 }));
       }
     }
     const taller = (316 / (high - low)) / (584 / (2 * reach));
