@@ -36,11 +36,16 @@ impl Along {
     #[must_use]
     pub fn new(drive: &Drive) -> Option<Self> {
         let mut vertices: Vec<(f64, Geodetic)> = Vec::new();
-        for scan in drive.scans.iter().filter(|scan| scan.place[0].is_finite() && scan.station_m.is_finite()) {
+        let known = || drive.scans.iter().filter(|scan| scan.place[0].is_finite() && scan.station_m.is_finite());
+        for scan in known() {
             if vertices.last().is_none_or(|(station, _)| scan.station_m - station >= SPACING_M) {
                 vertices.push((scan.station_m, scan.place));
             }
         }
+        // The line ends where the drive does.
+        let end =
+            known().next_back().filter(|end| vertices.last().is_some_and(|(station, _)| end.station_m - station > 0.5));
+        vertices.extend(end.map(|end| (end.station_m, end.place)));
         (vertices.len() >= 2).then_some(Self { vertices, last: 0 })
     }
 

@@ -79,7 +79,7 @@ pub struct Health {
 }
 
 /// A drive.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Drive {
     /// Every scan that has a profile, in order.
     pub scans: Vec<Scan>,

@@ -84,6 +84,7 @@ pub mod drive;
 pub mod emulated;
 pub mod export;
 pub mod faults;
+pub mod fuse;
 pub mod geodesy;
 pub mod import;
 pub mod info;

@@ -56,7 +56,17 @@ fn a_drive_goes_through_every_command() {
     ends(&crossfall(at, &["profiles", "drive.log.mcap", "-o", "drive.csv"]), 0);
     assert_eq!(fs::read_to_string(at.join("drive.csv")).unwrap().lines().count(), 151);
     ends(&crossfall(at, &["plot", "drive.log.mcap", "-o", "pictures"]), 0);
-    assert_eq!(names(&at.join("pictures")).len(), 2);
+    assert_eq!(names(&at.join("pictures")), ["section-37.svg", "slopes.svg", "variation-37.svg"]);
+    ends(&crossfall(at, &["profiles", "drive.log.mcap", "--every", "10m", "-o", "tens.geojson"]), 0);
+    let summary = crossfall(at, &["profiles", "drive.log.mcap", "--summary", "--json"]);
+    ends(&summary, 0);
+    let summary: serde_json::Value = serde_json::from_slice(&summary.stdout).unwrap();
+    assert_eq!((&summary["miles"][0]["scans"], &summary["miles"][0]["side"]), (&75.into(), &"left".into()));
+    ends(&crossfall(at, &["report", "drive.log.mcap", "-o", "drive.html"]), 0);
+    ends(&crossfall(at, &["cloud", "drive.log.mcap", "-o", "drive.laz"]), 0);
+    ends(&crossfall(at, &["export", "drive.log.mcap", "--foxglove", "drive.foxglove.mcap"]), 0);
+    ends(&crossfall(at, &["profiles", "drive.log.mcap", "--road", "A1", "-o", "set/"]), 0);
+    assert_eq!(names(&at.join("set")), ["road=A1"]);
 
     for (file, kind) in [("drive.mcap", "capture"), ("drive.log.mcap", "log")] {
         let info = crossfall(at, &["info", file, "--json"]);
@@ -287,6 +297,9 @@ fn help_is_as_it_was() {
         "compare",
         "reproduce",
         "plot",
+        "cloud",
+        "report",
+        "export",
         "info",
         "messages",
         "config",

@@ -15,7 +15,7 @@ use crossfall::profiles::{Row, Rows};
 use crossfall::simulate::scene::Scene;
 use crossfall::simulate::{self, truth};
 use crossfall::table::Format;
-use crossfall::{log, report};
+use crossfall::{export, log, report};
 use crossfall_core::protocol::Config;
 use tempfile::TempDir;
 
@@ -256,6 +256,40 @@ fn the_report_is_one_page_that_needs_nothing_else() {
     let data: serde_json::Value = serde_json::from_str(data).unwrap();
     assert_eq!(data["x"].as_array().unwrap().len(), data["slopes"][0].as_array().unwrap().len());
     assert!(data["sections"].as_array().unwrap().len() > 100);
+}
+
+#[test]
+fn an_export_has_every_profile_under_schemas_that_viewers_know() {
+    let made = drive();
+    let file = made.folder.path().join("drive.foxglove.mcap");
+    let told = export::foxglove(&made.log(), &file, |_| ()).unwrap();
+    assert_eq!(told.profiles, made.truth.len() as u64);
+    let bytes = fs::read(&file).unwrap();
+    let mut counts = std::collections::BTreeMap::new();
+    for message in mcap::MessageStream::new(&bytes).unwrap() {
+        let message = message.unwrap();
+        let schema = message.channel.schema.as_ref().unwrap().name.clone();
+        let json: serde_json::Value = serde_json::from_slice(&message.data).unwrap();
+        if schema == "foxglove.LaserScan" {
+            assert_eq!(json["ranges"].as_array().unwrap().len(), 361);
+        }
+        // Week 2400 and 259,200 s begin 2026-01-06 23:59:42 UTC.
+        let since = json["timestamp"]["sec"].as_u64().unwrap() - 1_767_743_982;
+        assert!(since <= 21, "{}", json["timestamp"]);
+        *counts.entry(schema).or_insert(0_u64) += 1;
+    }
+    let names: Vec<_> = counts.keys().map(String::as_str).collect();
+    assert_eq!(
+        names,
+        [
+            "crossfall.Profile",
+            "foxglove.FrameTransform",
+            "foxglove.LaserScan",
+            "foxglove.LocationFix",
+            "foxglove.PointCloud"
+        ]
+    );
+    assert!(counts.values().all(|count| *count == told.profiles), "{counts:?}");
 }
 
 /// The Python beside the build that `cargo xtask setup` furnishes, or the one that is named.

@@ -9,10 +9,12 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use anyhow::Context;
 use crossfall::dataset::{self, Stopped, Written};
-use crossfall::interrupt;
+use crossfall::drive::Drive;
 use crossfall::intervals::{Every, Gather, Interval, MILE_M};
+use crossfall::output::Output;
 use crossfall::profiles::Rows;
-use crossfall::table::Format;
+use crossfall::table::{self, Format, Table};
+use crossfall::{fuse, interrupt};
 
 use super::progress::Progress;
 use super::{Outcome, distinct, say, say_json, tell};
@@ -24,6 +26,7 @@ Examples:
   crossfall profiles drive.log.mcap -o drive.csv
   crossfall profiles drive.log.mcap --every 0.1mi -o drive.geojson
   crossfall profiles drive.log.mcap --summary
+  crossfall profiles up.log.mcap down.log.mcap --fuse -o road.csv
   crossfall profiles logs/*.log.mcap --road I-80 -o DATASET/
   crossfall profiles drive.log.mcap | head")]
 pub struct Args {
@@ -40,6 +43,9 @@ pub struct Args {
     /// Name of the road in a data set; without it the name of each log's folder
     #[arg(long, value_name = "NAME")]
     road: Option<String>,
+    /// Join two drives of one road: each left slope from the drive that measures it better, by stretches (10m without --every)
+    #[arg(long)]
+    fuse: bool,
     /// Print a summary for each mile instead of the table
     #[arg(long, conflicts_with_all = ["output", "every"])]
     summary: bool,
@@ -51,6 +57,8 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let folder = args.output.is_dir() || args.output.as_os_str().to_string_lossy().ends_with('/');
     match &*args.logs {
+        [up, down] if args.fuse => fused(args, up, down),
+        _ if args.fuse => anyhow::bail!("--fuse takes two logs"),
         logs if folder => many(args, logs),
         [log] if args.summary => summary(log, args.json),
         [log] => one(args, log),
@@ -76,6 +84,42 @@ fn one(args: &Args, log: &Path) -> anyhow::Result<Outcome> {
         written
     };
     Ok(Outcome::lost_if(losses(log, &written)))
+}
+
+fn fused(args: &Args, first: &Path, second: &Path) -> anyhow::Result<Outcome> {
+    let format = Format::of(&args.output);
+    let format = format.with_context(|| {
+        format!("{}: expected a name that ends in .csv, .parquet or .geojson", args.output.display())
+    })?;
+    distinct(&[first, second], &args.output)?;
+    let read = |log: &Path| {
+        let progress = Progress::new("read", size(log));
+        Drive::read(log, |at| progress.at(at))
+    };
+    let (one, other) = (read(first)?, read(second)?);
+    let stretches = fuse::fuse(&one, &other, args.every.unwrap_or(Every { metres: 10.0 }));
+    let stretches = stretches
+        .with_context(|| format!("{} was never within 30 m of {}'s way", second.display(), first.display()))?;
+    if args.output == Path::new("-") {
+        write_all(&stretches, Format::Csv, io::stdout())?;
+    } else {
+        let output = write_all(&stretches, format, Output::create(&args.output)?)?;
+        output.commit()?;
+        tell!("{}: {} stretches", args.output.display(), stretches.len());
+    }
+    let damage = one.health.damage + other.health.damage;
+    if damage > 0 {
+        tell!("{damage} damaged, broken or missing parts passed over; see `crossfall verify`");
+    }
+    Ok(Outcome::lost_if(damage > 0))
+}
+
+fn write_all<W: io::Write + Send>(stretches: &[fuse::Fused], format: Format, out: W) -> io::Result<W> {
+    let mut table = Table::new(format, out).map_err(table::Error::into_io)?;
+    for stretch in stretches {
+        table.row(stretch).map_err(table::Error::into_io)?;
+    }
+    table.finish().map_err(table::Error::into_io)
 }
 
 fn many(args: &Args, logs: &[PathBuf]) -> anyhow::Result<Outcome> {

@@ -82,14 +82,16 @@ fn draw(area: &DrawingArea<SVGBackend<'_>, Shift>, section: &Section, title: &st
         let label = format!("edge {} m", signed(place.0, 2));
         chart.draw_series([Text::new(label, top, text(16, colour).pos(anchor))])?;
     }
-    for (list, colour) in [(&lines[1], colours.adjacent), (&lines[2], colours.opposing)] {
+    // Nearer to the outer ends of both slopes than to the ditch between them, so that labels keep apart.
+    for (list, colour, part) in [(&lines[1], colours.adjacent, 0.35), (&lines[2], colours.opposing, 0.65)] {
         for line in list {
             let (from, to) = (flip(line.inner), flip(line.outer));
             let rises_right = (to.1 - from.1) * (to.0 - from.0) > 0.0;
             let above = raw_below(line, &section.raw);
             let (shift, align) = if rises_right == above { (-0.012, HPos::Right) } else { (0.012, HPos::Left) };
             let lift = if above { 0.01 } else { -0.01 };
-            let middle = ((from.0 + to.0) / 2.0 + 2.0 * reach * shift, (from.1 + to.1) / 2.0 + span * lift);
+            let along = |a: f64, b: f64| a + (b - a) * part;
+            let middle = (along(from.0, to.0) + 2.0 * reach * shift, along(from.1, to.1) + span * lift);
             let anchor = Pos::new(align, if above { VPos::Bottom } else { VPos::Top });
             chart.draw_series([Text::new(line.label.clone(), middle, text(18, colour).pos(anchor))])?;
         }

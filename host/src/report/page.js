@@ -77,11 +77,6 @@
       svg.append(make("text", { class: "tick", x: 40, y: py(i * gap) + 4, "text-anchor": "end" },
         i ? sign(i * gap, gap < 1 ? 1 : 0) : "0"));
     }
-    for (let i = 0; i < y.length; i++) {
-      if (Math.abs(y[i]) <= reach && z[i] >= low && z[i] <= high) {
-        svg.append(make("circle", { class: "point", cx: px(y[i]).toFixed(1), cy: py(z[i]).toFixed(1), r: 1.7 }));
-      }
-    }
     const kinds = ["road", "adjacent", "opposing"];
     // Labels of one side would run into each other where their slopes are short: each stands higher than the last.
     for (const [part, ends, slope, ci] of one.lines) {
@@ -90,14 +85,21 @@
       const onLeft = (y0 + y1) / 2 > 0;
       const text = sign(slope, 2) + "\u00b0" + (ci === null ? "" : ` \u00b1${ci.toFixed(2)}\u00b0`);
       if (part > 0) {
-        const row = 24 + (2 - part) * 18;
+        const row = 26 + (2 - part) * 20;
         const x = px((y0 + y1) / 2);
         svg.append(make("path", { class: "grid", d: `M${x} ${row + 4}V${py((z0 + z1) / 2)}` }));
         const anchor = part === 2 ? (onLeft ? "start" : "end") : "middle";
-        const place = anchor === "middle" ? x : anchor === "start" ? Math.max(50, x - 60) : Math.min(626, x + 60);
+        const place = anchor === "middle" ? x : anchor === "start" ? Math.max(50, x - 70) : Math.min(626, x + 70);
         svg.append(make("text", { class: kinds[part], x: place, y: row, "text-anchor": anchor, "font-weight": 600 }, text));
       }
     }
+    for (let i = 0; i < y.length; i++) {
+      if (Math.abs(y[i]) <= reach && z[i] >= low && z[i] <= high) {
+        svg.append(make("circle", { class: "point", cx: px(y[i]).toFixed(1), cy: py(z[i]).toFixed(1), r: 1.6 }));
+      }
+    }
+    const taller = (316 / (high - low)) / (584 / (2 * reach));
+    document.getElementById("taller").textContent = `heights exaggerated ${taller.toFixed(1)} times`;
     const where = data.unit === "m" ? `at ${one.at.toFixed(1)} m, ` : "";
     document.getElementById("which").textContent = `${where}scan ${one.scan}, roll ${sign(one.roll, 2)}\u00b0`;
   }

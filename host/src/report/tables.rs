@@ -30,7 +30,7 @@ pub fn subtitle(drive: &Drive) -> String {
         ));
     }
     if let Some((firmware, board)) = &drive.identity {
-        parts.push(format!("{} on {}", escaped(firmware), escaped(board)));
+        parts.push(format!("{} ({})", escaped(firmware), escaped(board)));
     }
     parts.join(" \u{b7} ")
 }

@@ -5,7 +5,7 @@ use crate::shell::{self, Tally};
 /// The board's compilation target.
 const TARGET: &str = "thumbv7em-none-eabihf";
 
-/// The ARM target, QEMU 9 or newer, chromium and cargo-deny.
+/// The ARM target, QEMU 9 or newer, chromium, cargo-deny, and where there is a Python the programs that open what is handed in.
 pub fn install(tally: &mut Tally) -> Result<(), String> {
     let targets = shell::output("rustup target list --installed").unwrap_or_default();
     if !targets.lines().any(|line| line.trim() == TARGET) {
@@ -17,5 +17,5 @@ pub fn install(tally: &mut Tally) -> Result<(), String> {
         eprintln!("  cargo-deny is missing: building it (a few minutes, once)");
         shell::run("cargo install --locked cargo-deny", "", tally)?;
     }
-    Ok(())
+    shell::run("sh tests/scripts/install-python-tools.sh", "", tally)
 }

@@ -1,0 +1,215 @@
+//! Two drives of one road as one table of slopes, each slope from the side that measures it better.
+//!
+//! Where a median lies between two carriageways, the slope next to one of them is the far one from the other. Both drives measure both; returns of the
+//! far slope are fewer and flatter. For each stretch of the first drive's way and each slope, **the rule** is: of the two drives' values take the one
+//! with the narrower 95 % interval, of equal ones the nearer. The other value is told as well: their difference checks both drives.
+//!
+//! A drive the other way has the same slope on the same (left) side of the vehicle but as the other one of the two, and rising where it fell; a drive the
+//! same way has it as the same one. Slopes are signed as the first drive sees them. Places join the drives ([`crate::along`]).
+
+use crate::along::Along;
+use crate::drive::Drive;
+use crate::geodesy::Geodetic;
+use crate::intervals::{Estimate, Every, Samples};
+use crate::table::{Column, Kind, Record, Shape, Value};
+
+/// A slope of a stretch, from both drives.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Both {
+    /// From the first drive.
+    pub first: Option<Estimate>,
+    /// From the second, signed as the first sees it.
+    pub second: Option<Estimate>,
+    /// Whether the slope is next to the first drive's road.
+    pub near_first: bool,
+}
+
+impl Both {
+    /// The value by the rule, and the number of the drive that it is from.
+    #[must_use]
+    pub fn better(&self) -> Option<(Estimate, i64)> {
+        match (self.first, self.second) {
+            (Some(one), Some(other)) if one.ci95 < other.ci95 || (one.ci95 == other.ci95 && self.near_first) => {
+                Some((one, 1))
+            }
+            (_, Some(other)) => Some((other, 2)),
+            (Some(one), None) => Some((one, 1)),
+            (None, None) => None,
+        }
+    }
+}
+
+/// A stretch of the first drive's way.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fused {
+    /// Where it begins, by the first drive's stations.
+    pub from_m: f64,
+    /// Where it ends.
+    pub to_m: f64,
+    /// Where the first drive's scanner was in it, where it was.
+    pub place: Option<Geodetic>,
+    /// The slope on the left that is next to the first drive's road.
+    pub adjacent: Both,
+    /// The one beyond.
+    pub opposing: Both,
+}
+
+/// Joins two drives in stretches of a length; nothing when the first has no positions or the second was never near it.
+#[must_use]
+pub fn fuse(first: &Drive, second: &Drive, every: Every) -> Option<Vec<Fused>> {
+    let mut along = Along::new(first)?;
+    let (from_m, to_m) = first.span_m()?;
+    let begin = (from_m / every.metres).floor() as i64;
+    let count = ((to_m / every.metres).floor() as i64 - begin + 1).max(1) as usize;
+    let mut stretches: Vec<Stretch> = vec![Stretch::default(); count];
+    let number = |station_m: f64| usize::try_from((station_m / every.metres).floor() as i64 - begin).ok();
+    for scan in first.scans.iter().filter(|scan| scan.station_m.is_finite()) {
+        let Some(stretch) = number(scan.station_m).and_then(|number| stretches.get_mut(number)) else { continue };
+        stretch.place = stretch.place.or(scan.place[0].is_finite().then_some(scan.place));
+        add(&mut stretch.first, [scan.slopes[0], scan.slopes[1]], 1.0);
+    }
+    let stations: Vec<Option<f64>> = second
+        .scans
+        .iter()
+        .map(|scan| scan.place[0].is_finite().then(|| along.find(scan.place).map(|found| found.station_m)).flatten())
+        .collect();
+    let mut known = stations.iter().flatten();
+    let (start, end) = (*known.next()?, known.next_back().copied()?);
+    let opposite = end < start;
+    for (scan, station) in second.scans.iter().zip(&stations) {
+        let Some(stretch) = station.and_then(number).and_then(|number| stretches.get_mut(number)) else { continue };
+        let [adjacent, opposing, ..] = scan.slopes;
+        match opposite {
+            true => add(&mut stretch.second, [opposing, adjacent], -1.0),
+            false => add(&mut stretch.second, [adjacent, opposing], 1.0),
+        }
+    }
+    let fused = stretches.into_iter().enumerate().map(|(i, stretch)| {
+        let at = (begin + i as i64) as f64 * every.metres;
+        let both = |slope: usize, near_first: bool| Both {
+            first: stretch.first[slope].estimate(),
+            second: stretch.second[slope].estimate(),
+            near_first: near_first || !opposite,
+        };
+        Fused {
+            from_m: at,
+            to_m: at + every.metres,
+            place: stretch.place,
+            adjacent: both(0, true),
+            opposing: both(1, false),
+        }
+    });
+    Some(fused.collect())
+}
+
+#[derive(Clone, Debug, Default)]
+struct Stretch {
+    place: Option<Geodetic>,
+    first: [Samples; 2],
+    second: [Samples; 2],
+}
+
+fn add(into: &mut [Samples; 2], slopes: [(f32, f32); 2], sign: f64) {
+    for (samples, (slope, ci95)) in into.iter_mut().zip(slopes) {
+        if slope.is_finite() {
+            samples.push((sign * f64::from(slope), if ci95.is_finite() { f64::from(ci95) / 1.96 } else { 0.0 }));
+        }
+    }
+}
+
+impl Record for Fused {
+    const COLUMNS: &'static [Column] = &[
+        ("station_from_m", Kind::Real(3)),
+        ("station_to_m", Kind::Real(3)),
+        ("latitude_deg", Kind::Real(9)),
+        ("longitude_deg", Kind::Real(9)),
+        ("height_m", Kind::Real(3)),
+        ("adjacent_slope_deg", Kind::Real(5)),
+        ("adjacent_slope_ci95_deg", Kind::Real(5)),
+        ("adjacent_from_drive", Kind::Integer),
+        ("adjacent_difference_deg", Kind::Real(5)),
+        ("opposing_slope_deg", Kind::Real(5)),
+        ("opposing_slope_ci95_deg", Kind::Real(5)),
+        ("opposing_from_drive", Kind::Integer),
+        ("opposing_difference_deg", Kind::Real(5)),
+    ];
+
+    fn cells(&self, into: &mut Vec<Value>) {
+        into.extend([Value::Real(self.from_m), Value::Real(self.to_m)]);
+        into.extend((0..3).map(|axis| Value::from(self.place.map(|place| place[axis]))));
+        for both in [self.adjacent, self.opposing] {
+            let better = both.better();
+            let difference = both.first.zip(both.second).map(|(one, other)| other.value - one.value);
+            into.extend([
+                better.map(|(value, _)| value.value).into(),
+                better.map(|(value, _)| value.ci95).into(),
+                better.map(|(_, drive)| drive).into(),
+                difference.into(),
+            ]);
+        }
+    }
+
+    fn shapes(&self) -> Vec<(&'static str, Shape)> {
+        self.place.map(|place| ("stretch", Shape::Point(place))).into_iter().collect()
+    }
+
+    fn vertex(&self) -> Option<(&'static str, Geodetic)> {
+        Some(("way", self.place?))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::drive::Scan;
+    use crate::geodesy::shifted;
+
+    /// A drive along a road to the east or back, with given left slopes and half widths.
+    fn drive(eastward: bool, slopes: [(f32, f32); 2]) -> Drive {
+        let start = [40.8, -77.86, 350.0];
+        let scans = (0..500).map(|i| {
+            let way = f64::from(i);
+            let east = if eastward { way } else { 499.0 - way };
+            let none = (f32::NAN, f32::NAN);
+            Scan {
+                number: i,
+                gps_seconds: way,
+                station_m: way,
+                place: shifted(start, [east, if eastward { 0.0 } else { 16.0 }, 0.0]),
+                roll_deg: 0.0,
+                slopes: [slopes[0], slopes[1], none, none],
+                edges_m: [f32::NAN; 2],
+                flags: 0,
+            }
+        });
+        Drive { scans: scans.collect(), ..Drive::default() }
+    }
+
+    #[test]
+    fn each_slope_is_taken_from_the_side_that_measures_it_better() {
+        let up = drive(true, [(-8.0, 0.05), (7.1, 0.3)]);
+        let down = drive(false, [(-7.0, 0.05), (8.2, 0.3)]);
+        let fused = fuse(&up, &down, Every { metres: 50.0 }).unwrap();
+        assert_eq!(fused.len(), 10);
+        for stretch in &fused {
+            let (adjacent, from) = stretch.adjacent.better().unwrap();
+            assert!((adjacent.value + 8.0).abs() < 1e-6 && from == 1, "{stretch:?}");
+            let (opposing, from) = stretch.opposing.better().unwrap();
+            assert!((opposing.value - 7.0).abs() < 1e-6 && from == 2, "{stretch:?}");
+            // What the far side said of the same slope, with the sign of the near one.
+            assert!((stretch.adjacent.second.unwrap().value + 8.2).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn a_second_drive_the_same_way_measures_the_same_slopes() {
+        let fused = fuse(
+            &drive(true, [(-8.0, 0.3), (7.0, 0.1)]),
+            &drive(true, [(-8.1, 0.1), (7.2, 0.3)]),
+            Every { metres: 100.0 },
+        );
+        let fused = fused.unwrap();
+        assert_eq!(fused[0].adjacent.better().map(|(_, from)| from), Some(2));
+        assert!((fused[0].opposing.better().unwrap().0.value - 7.0).abs() < 1e-6);
+    }
+}
