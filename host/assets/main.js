@@ -97,6 +97,8 @@ function showState() {
   const still = replay?.ended ? "end of the replay" : replay?.paused ? "replay stands still" : state.lamps.link.light === "bad" ? "no connection to the board" : "";
   $("stale").hidden = !still && !(state.lamps.lidar.light === "bad");
   $("stale").textContent = still || "no scans";
+  // What is old must not look like what is now.
+  document.querySelector(".road").classList.toggle("old", !$("stale").hidden);
 }
 
 function showControl() {

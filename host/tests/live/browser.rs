@@ -183,7 +183,7 @@ const CONTRAST: &str = "(() => {
     return 0.2126 * r + 0.7152 * g + 0.0722 * b;
   };
   const ratio = (a, b) => { const [x, y] = [light(a), light(b)].sort((m, n) => n - m); return (x + 0.05) / (y + 0.05); };
-  const pairs = [['--ink', '--card'], ['--dim', '--card'], ['--good', '--card'], ['--warn', '--card'], ['--bad', '--card'], ['--adjacent', '--card'], ['--opposing', '--card'], ['--on', '--bad']];
+  const pairs = [['--ink', '--card'], ['--dim', '--card'], ['--good', '--card'], ['--warn', '--card'], ['--bad', '--card'], ['--adjacent', '--card'], ['--opposing', '--card'], ['--on', '--alarm']];
   return Object.fromEntries(pairs.map(([a, b]) => [`${a} on ${b}`, ratio(a, b)]));
 })()";
 
