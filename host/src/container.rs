@@ -111,6 +111,13 @@ pub(crate) struct Entry {
     pub length: u64,
 }
 
+impl Entry {
+    /// Where the next record begins.
+    pub fn end(&self) -> u64 {
+        self.offset.saturating_add(HEAD).saturating_add(self.length)
+    }
+}
+
 /// A channel: its number in this file and its name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ChannelName {
@@ -126,6 +133,8 @@ pub(crate) struct Message {
     pub channel: u16,
     /// Nanoseconds.
     pub log_time: u64,
+    /// Nanoseconds; writers here give both times the same value.
+    pub publish_time: u64,
     pub data: Vec<u8>,
 }
 
@@ -134,6 +143,8 @@ pub(crate) struct Message {
 pub(crate) struct Contents {
     pub channels: Vec<ChannelName>,
     pub messages: Vec<Message>,
+    /// Bytes of the record that were understood.
+    pub read: u64,
     /// What kept the rest from being read.
     pub error: Option<Error>,
 }
@@ -173,6 +184,55 @@ impl Container {
     /// The file's name.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// Where the next record begins, or what is left of one.
+    pub fn reached(&self) -> u64 {
+        self.position.min(self.size)
+    }
+
+    /// Ends the walk: nothing behind this is a record.
+    pub fn close(&mut self) {
+        self.closed = true;
+    }
+
+    /// Whether a record begins at the place that was reached, or the file ends there.
+    pub fn goes_on(&mut self) -> bool {
+        let Ok(head) = self.bytes(self.reached(), CHUNK_HEAD_MAX) else { return false };
+        let Some((&[opcode, ref length @ ..], _)) = head.split_first_chunk::<{ HEAD as usize }>() else {
+            return head.is_empty();
+        };
+        let room = self.size - self.reached();
+        match opcode {
+            op::CHUNK => begins_chunk(&head, room),
+            1..=op::DATA_END => u64::from_le_bytes(*length) <= room - HEAD,
+            _ => false,
+        }
+    }
+
+    /// Its size in bytes.
+    pub fn size(&self) -> u64 {
+        self.size
+    }
+
+    /// Bytes of the file: from `from`, at most so many, up to its end.
+    pub fn bytes(&mut self, from: u64, most: usize) -> Result<Vec<u8>, Error> {
+        let length = usize::try_from(self.size.saturating_sub(from)).unwrap_or(usize::MAX).min(most);
+        let mut bytes = vec![0; length];
+        self.read_at(from, &mut bytes)?;
+        Ok(bytes)
+    }
+
+    /// The CRC-32 of everything before `end`, read in one go.
+    pub fn checksum(&mut self, end: u64) -> Result<u32, Error> {
+        let (mut hasher, mut at) = (crc32fast::Hasher::new(), 0);
+        while at < end.min(self.size) {
+            let most = usize::try_from(end - at).unwrap_or(usize::MAX).min(1 << 20);
+            let bytes = self.bytes(at, most)?;
+            at += bytes.len() as u64;
+            hasher.update(&bytes);
+        }
+        Ok(hasher.finalize())
     }
 
     /// The next record of the top level.
@@ -346,6 +406,7 @@ impl Container {
         rest = rest.get(..usize::try_from(head.packed).unwrap_or(usize::MAX)).unwrap_or(rest);
         let (actual, crc) = (crc32fast::hash(rest), head.crc);
         let end = entry.offset + HEAD + (head.records_at + rest.len()) as u64;
+        contents.read = HEAD + head.records_at as u64;
         while let Some((&[opcode, ref length @ ..], after)) = rest.split_first_chunk::<{ HEAD as usize }>() {
             let offset = end - rest.len() as u64;
             let length = usize::try_from(u64::from_le_bytes(*length)).unwrap_or(usize::MAX);
@@ -354,6 +415,7 @@ impl Container {
                     .damaged(offset, format!("a record of {length} bytes, of which its chunk holds {}", after.len())));
             };
             self.keep(offset, opcode, record, contents)?;
+            contents.read += HEAD + length as u64;
             rest = next;
         }
         // The messages are kept even so: what is in them has checks of its own.
@@ -397,12 +459,17 @@ impl Container {
         }
         match mcap::parse_record(opcode, body) {
             Ok(Record::Channel(channel)) => {
-                contents.channels.push(ChannelName { id: channel.id, topic: channel.topic })
+                let pairs: usize = channel.metadata.iter().map(|(key, value)| 8 + key.len() + value.len()).sum();
+                if body.len() != 16 + channel.topic.len() + channel.message_encoding.len() + pairs {
+                    return Err(self.damaged(offset, "a channel record that does not fill its length".to_owned()));
+                }
+                contents.channels.push(ChannelName { id: channel.id, topic: channel.topic });
             }
             Ok(Record::Message { header, data }) => contents.messages.push(Message {
                 offset,
                 channel: header.channel_id,
                 log_time: header.log_time,
+                publish_time: header.publish_time,
                 data: data.into_owned(),
             }),
             Ok(_) => {}

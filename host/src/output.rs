@@ -10,6 +10,8 @@ use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
 
+use crate::log::{is_being_written, sync_folder};
+
 /// A file that could not be written.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: cannot write: {source}", path.display())]
@@ -46,6 +48,7 @@ impl Output {
         } else {
             // A link is followed, so that the file it names is replaced and not the link.
             let to = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+            free(&to).map_err(wrap)?;
             let name = to.file_name().ok_or_else(|| wrap(io::Error::other("the path names no file")))?;
             let folder = match to.parent() {
                 Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -86,7 +89,9 @@ impl Output {
                 Target::Renamed { file, to } => {
                     let file = file.into_inner().map_err(|e| e.into_error())?;
                     file.as_file().sync_data()?;
-                    file.persist(to).map_err(|e| e.error)?;
+                    free(&to)?;
+                    file.persist(&to).map_err(|e| e.error)?;
+                    sync_folder(&to)?;
                 }
                 Target::InPlace(mut file) => file.flush()?,
             }
@@ -94,6 +99,14 @@ impl Output {
         };
         finish().map_err(|source| Error { path, source })
     }
+}
+
+/// Refuses to take the name of a recording that is being written: it would go on in a file that has none.
+fn free(path: &Path) -> io::Result<()> {
+    if is_being_written(path) {
+        return Err(io::Error::new(io::ErrorKind::ResourceBusy, "a recording is being written to it"));
+    }
+    Ok(())
 }
 
 /// The error without the temporary name that `tempfile` adds: the user knows the file by its own.

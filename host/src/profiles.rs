@@ -9,35 +9,45 @@ use crossfall_core::protocol::message::{Message, Profile, Side, Slope, flags};
 use crossfall_core::protocol::{Angle, DeviceTime};
 
 use crate::container::Error;
+use crate::geodesy::{Geodetic, shifted};
 use crate::stream::{Item, Stream};
+use crate::table::{self, Column, Format, Kind, Record, Shape, Table, Value};
 use crate::track::{Position, Track};
 
-/// Column names, in order.
-pub const COLUMNS: [&str; 23] = [
-    "scan",
-    "device_time_us",
-    "gps_week",
-    "gps_seconds",
-    "latitude_deg",
-    "longitude_deg",
-    "height_m",
-    "station_m",
-    "roll_deg",
-    "side",
-    "road_slope_deg",
-    "edge_y_m",
-    "adjacent_slope_deg",
-    "adjacent_slope_ci95_deg",
-    "adjacent_length_m",
-    "adjacent_points",
-    "adjacent_end_y_m",
-    "opposing_slope_deg",
-    "opposing_slope_ci95_deg",
-    "opposing_length_m",
-    "opposing_points",
-    "opposing_end_y_m",
-    "flags",
+/// The columns, in order.
+pub const COLUMNS: [Column; 23] = [
+    ("scan", Kind::Integer),
+    ("device_time_us", Kind::Integer),
+    ("gps_week", Kind::Integer),
+    ("gps_seconds", Kind::Real(6)),
+    ("latitude_deg", Kind::Real(9)),
+    ("longitude_deg", Kind::Real(9)),
+    ("height_m", Kind::Real(3)),
+    ("station_m", Kind::Real(3)),
+    ("roll_deg", Kind::Real(5)),
+    ("side", Kind::Text),
+    ("road_slope_deg", Kind::Real(5)),
+    ("edge_y_m", Kind::Real(4)),
+    ("adjacent_slope_deg", Kind::Real(5)),
+    ("adjacent_slope_ci95_deg", Kind::Real(5)),
+    ("adjacent_length_m", Kind::Real(4)),
+    ("adjacent_points", Kind::Integer),
+    ("adjacent_end_y_m", Kind::Real(4)),
+    ("opposing_slope_deg", Kind::Real(5)),
+    ("opposing_slope_ci95_deg", Kind::Real(5)),
+    ("opposing_length_m", Kind::Real(4)),
+    ("opposing_points", Kind::Integer),
+    ("opposing_end_y_m", Kind::Real(4)),
+    ("flags", Kind::Text),
 ];
+
+/// Flags that the host adds to those of the board, in bits that the link does not use.
+pub mod host_flags {
+    /// No position: poses without a fix, or none around the scan.
+    pub const NO_POSITION: u16 = 1 << 14;
+    /// The station rests on a speed that was held, see [`crate::track`].
+    pub const STATION_ESTIMATED: u16 = 1 << 15;
+}
 
 /// One side of one scan, in the units of the table.
 #[derive(Clone, Debug, PartialEq)]
@@ -60,7 +70,7 @@ pub struct Row {
     pub adjacent: Option<SlopeRow>,
     /// The opposing slope.
     pub opposing: Option<SlopeRow>,
-    /// Flags of the scan and of the side.
+    /// Flags of the scan and of the side, and [`host_flags`].
     pub flags: u16,
 }
 
@@ -113,58 +123,94 @@ impl Row {
             edge_y_m: side.edge.map(|edge| metres(edge.y_um)),
             adjacent: side.adjacent.as_ref().map(SlopeRow::of),
             opposing: side.opposing.as_ref().map(SlopeRow::of),
-            flags: profile.flags | side.flags,
+            flags: profile.flags | side.flags | position_flags(&position),
         }
     }
 
-    /// The cells, in the order of [`COLUMNS`]; empty = not found or not known.
+    /// The place on the map of something at a lateral distance from the sensor (left positive), at the sensor's height.
     #[must_use]
-    pub fn cells(&self) -> [String; 23] {
-        let fixed = |value: Option<f64>, digits: usize| value.map_or_else(String::new, |v| format!("{v:.digits$}"));
-        let slope = |slope: Option<SlopeRow>| {
-            [
-                fixed(slope.map(|s| s.slope_deg), 5),
-                fixed(slope.and_then(|s| s.ci95_deg), 5),
-                fixed(slope.map(|s| s.length_m), 4),
-                slope.map_or_else(String::new, |s| s.points.to_string()),
-                fixed(slope.map(|s| s.end_y_m), 4),
-            ]
-        };
-        let Position { gps, geodetic, station_m } = self.position;
-        let [a, b, c, d, e] = slope(self.adjacent);
-        let [f, g, h, i, j] = slope(self.opposing);
-        [
-            self.scan.to_string(),
-            self.time.0.to_string(),
-            gps.map_or_else(String::new, |(week, _)| week.to_string()),
-            fixed(gps.map(|(_, seconds)| seconds), 6),
-            fixed(geodetic.map(|g| g[0]), 9),
-            fixed(geodetic.map(|g| g[1]), 9),
-            fixed(geodetic.map(|g| g[2]), 3),
-            fixed(station_m, 3),
-            format!("{:.5}", self.roll_deg),
-            if self.left { "left" } else { "right" }.to_owned(),
-            fixed(self.road_slope_deg, 5),
-            fixed(self.edge_y_m, 4),
-            a,
-            b,
-            c,
-            d,
-            e,
-            f,
-            g,
-            h,
-            i,
-            j,
-            flag_names(self.flags),
-        ]
+    pub fn place(&self, y_m: f64) -> Option<Geodetic> {
+        let (geodetic, turn) = self.position.geodetic.zip(self.position.turn)?;
+        let [east, north, _] = turn.of_level([0.0, y_m, 0.0]);
+        Some(shifted(geodetic, [east, north, 0.0]))
     }
+
+    /// `left` or `right`.
+    #[must_use]
+    pub fn side(&self) -> &'static str {
+        if self.left { "left" } else { "right" }
+    }
+}
+
+impl Record for Row {
+    const COLUMNS: &'static [Column] = &COLUMNS;
+
+    fn cells(&self, into: &mut Vec<Value>) {
+        let Position { gps, geodetic, station_m, .. } = self.position;
+        let geodetic = |axis: usize| Value::from(geodetic.map(|place| place[axis]));
+        into.extend([
+            Value::Integer(self.scan.into()),
+            // A device time is below 2^63: 292,000 years.
+            Value::Integer(self.time.0 as i64),
+            gps.map(|(week, _)| i64::from(week)).into(),
+            gps.map(|(_, seconds)| seconds).into(),
+            geodetic(0),
+            geodetic(1),
+            geodetic(2),
+            station_m.into(),
+            Value::Real(self.roll_deg),
+            Value::Text(self.side().into()),
+            self.road_slope_deg.into(),
+            self.edge_y_m.into(),
+        ]);
+        for slope in [self.adjacent, self.opposing] {
+            into.extend([
+                slope.map(|s| s.slope_deg).into(),
+                slope.and_then(|s| s.ci95_deg).into(),
+                slope.map(|s| s.length_m).into(),
+                slope.map(|s| i64::from(s.points)).into(),
+                slope.map(|s| s.end_y_m).into(),
+            ]);
+        }
+        into.push(Value::Text(flag_names(self.flags).into()));
+    }
+
+    fn shapes(&self) -> Vec<(&'static str, Shape)> {
+        self.position.geodetic.map(|place| ("profile", Shape::Point(place))).into_iter().collect()
+    }
+
+    fn vertex(&self) -> Option<(&'static str, Geodetic)> {
+        let name = if self.left { "left road edge" } else { "right road edge" };
+        Some((name, self.place(self.edge_y_m?)?))
+    }
+}
+
+/// The two rows of a profile, left before right.
+#[must_use]
+pub fn sides(profile: &Profile, position: Position) -> [Row; 2] {
+    [Row::of(profile, &profile.left, true, position), Row::of(profile, &profile.right, false, position)]
+}
+
+fn position_flags(position: &Position) -> u16 {
+    let mut flags = 0;
+    if position.geodetic.is_none() {
+        flags |= host_flags::NO_POSITION;
+    }
+    if position.station_estimated {
+        flags |= host_flags::STATION_ESTIMATED;
+    }
+    flags
 }
 
 /// Names of the bits that are set, separated by `|`.
 #[must_use]
 pub fn flag_names(set: u16) -> String {
-    let names = flags::NAMES.iter().enumerate().filter(|(bit, _)| set & 1 << bit != 0).map(|(_, name)| *name);
+    if set == 0 {
+        return String::new();
+    }
+    let board = flags::NAMES.iter().enumerate().map(|(bit, name)| (1 << bit, *name));
+    let host = [(host_flags::NO_POSITION, "no_position"), (host_flags::STATION_ESTIMATED, "station_estimated")];
+    let names = board.chain(host).filter(|(flag, _)| set & flag != 0).map(|(_, name)| name);
     names.collect::<Vec<_>>().join("|")
 }
 
@@ -175,6 +221,7 @@ pub struct Rows {
     track: Track,
     ready: VecDeque<Row>,
     damage: u64,
+    offset: u64,
 }
 
 impl Rows {
@@ -183,13 +230,19 @@ impl Rows {
     /// # Errors
     /// As of [`Stream::open`].
     pub fn open(path: &Path) -> Result<Self, Error> {
-        Ok(Self { stream: Stream::open(path)?, track: Track::default(), ready: VecDeque::new(), damage: 0 })
+        Ok(Self { stream: Stream::open(path)?, track: Track::default(), ready: VecDeque::new(), damage: 0, offset: 0 })
     }
 
     /// Damaged parts, broken frames and gaps passed so far.
     #[must_use]
     pub fn damage(&self) -> u64 {
         self.damage
+    }
+
+    /// How far the file has been read, in bytes.
+    #[must_use]
+    pub fn offset(&self) -> u64 {
+        self.offset
     }
 }
 
@@ -198,7 +251,8 @@ impl Iterator for Rows {
 
     fn next(&mut self) -> Option<Row> {
         while self.ready.is_empty() {
-            let (_, item) = self.stream.next()?;
+            let (place, item) = self.stream.next()?;
+            self.offset = place.offset;
             let Item::Message { message, gap } = item else {
                 self.damage += 1;
                 continue;
@@ -211,10 +265,9 @@ impl Iterator for Rows {
             match message {
                 Message::Pose(pose) => self.track.push(&pose),
                 Message::Clock(clock) => self.track.clock(&clock),
+                Message::Config(config) => self.track.configure(&config),
                 Message::Profile(profile) => {
-                    let position = self.track.at(profile.time);
-                    self.ready.push_back(Row::of(&profile, &profile.left, true, position));
-                    self.ready.push_back(Row::of(&profile, &profile.right, false, position));
+                    self.ready.extend(sides(&profile, self.track.at(profile.time)));
                 }
                 _ => {}
             }
@@ -227,15 +280,13 @@ impl Iterator for Rows {
 ///
 /// # Errors
 /// When `out` cannot be written.
-pub fn write_csv(rows: &mut Rows, out: impl Write, mut progress: impl FnMut(u64)) -> csv::Result<u64> {
-    let mut table = csv::Writer::from_writer(out);
-    table.write_record(COLUMNS)?;
+pub fn write_csv(rows: &mut Rows, out: impl Write + Send) -> Result<u64, table::Error> {
+    let mut table = Table::new(Format::Csv, out)?;
     let mut count = 0;
     for row in rows {
-        table.write_record(row.cells())?;
+        table.row(&row)?;
         count += 1;
-        progress(count);
     }
-    table.flush()?;
+    table.finish()?;
     Ok(count)
 }

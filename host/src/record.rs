@@ -13,6 +13,7 @@ mod buffer;
 mod device;
 mod link;
 mod reader;
+pub mod space;
 mod tape;
 
 use std::fmt;
@@ -25,6 +26,7 @@ use crossfall_core::protocol::schema;
 use crate::output;
 pub use buffer::CAPACITY;
 use buffer::{Buffer, Event, Taken};
+pub(crate) use device::connect;
 pub use device::{BAUD, Device, Port};
 use link::Link;
 pub use tape::{Outbox, Tape};
@@ -131,6 +133,10 @@ pub struct Summary {
     pub disconnected: bool,
     /// The board's last status: every counter.
     pub status: Status,
+    /// Bytes on the disk, in all files of the log.
+    pub log_bytes: u64,
+    /// Files of the log.
+    pub parts: u32,
 }
 
 impl Summary {
@@ -211,6 +217,7 @@ pub fn converse(
             notice(Notice::Silent);
         }
         summary.seconds = clock.started.elapsed().as_secs_f64();
+        (summary.log_bytes, summary.parts) = log.extent();
         if stopped.is_none() && !goes_on(&summary) {
             stopped = Some(Instant::now());
             buffer.stop();

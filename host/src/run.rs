@@ -62,18 +62,32 @@ pub fn run(
     capture: &mut capture::Reader,
     config: &Config,
     log: &mut log::Writer,
+    progress: impl FnMut(u64),
+) -> Result<Summary, Error> {
+    let first_ns = capture.span_ns().map_or(0, |(first, _)| first);
+    run_over(capture.by_ref(), first_ns, config, log, progress)
+}
+
+/// [`run`] over chunks from anywhere, in the order of time. The instrument boots at `first_ns`.
+///
+/// # Errors
+/// When the log cannot be written. Chunks that are errors are listed in the summary.
+pub fn run_over(
+    chunks: impl Iterator<Item = Result<Chunk, container::Error>>,
+    first_ns: u64,
+    config: &Config,
+    log: &mut log::Writer,
     mut progress: impl FnMut(u64),
 ) -> Result<Summary, Error> {
     let mut link = Link { log, sequencer: Sequencer::new(), summary: Summary::default(), now_ns: 0, failed: None };
     let mut instrument = Instrument::new(*config, identity());
     let mut wires = Wires::new(config);
     link.describe(config)?;
-    let first_ns = capture.span_ns().map_or(0, |(first, _)| first);
     link.now_ns = first_ns;
     let mut now_ns = first_ns;
     instrument.start(DeviceTime(first_ns / 1_000), &mut |event| link.send(&event));
 
-    for chunk in capture.by_ref() {
+    for chunk in chunks {
         match chunk {
             Ok(chunk) => {
                 let until = Some(chunk.device_time_ns);

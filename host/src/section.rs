@@ -1,17 +1,12 @@
 //! One levelled section out of a log: what the survey saw and what it made of it.
 
-use std::collections::VecDeque;
 use std::path::Path;
 
-use crossfall_core::attitude::History;
-use crossfall_core::instrument::{Event, WAITING};
-use crossfall_core::protocol::config::Scanner;
-use crossfall_core::protocol::message::{Message, Profile, ScanMode, Session};
-use crossfall_core::protocol::{Angle, Config, DeviceTime};
-use crossfall_core::scan::{MAX_BEAMS, Points, RawScan, RollTrack, level};
+use crossfall_core::protocol::message::{Profile, Side, Slope};
 
 use crate::container::Error;
-use crate::stream::{Item, Stream};
+use crate::profiles::degrees;
+use crate::walk::Walk;
 
 /// A place in a section: metres to the left of the sensor and above it.
 pub type Place = (f64, f64);
@@ -27,51 +22,154 @@ pub struct Section {
     pub profile: Profile,
 }
 
+/// What a line of a section is fitted to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// The road, from under the sensor to its edge.
+    Road,
+    /// The adjacent slope.
+    Adjacent,
+    /// The opposing slope.
+    Opposing,
+}
+
+/// A fitted line between two places.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fitted {
+    /// What it is fitted to.
+    pub part: Part,
+    /// True for the left side.
+    pub left: bool,
+    /// Its end towards the vehicle.
+    pub inner: Place,
+    /// Its other end.
+    pub outer: Place,
+    /// Inclination in degrees, positive = rising outward.
+    pub slope_deg: f64,
+    /// Half width of its 95 % interval; absent where the method gives none.
+    pub ci95_deg: Option<f64>,
+}
+
+impl Fitted {
+    /// Height of the line at a lateral distance.
+    #[must_use]
+    pub fn height(&self, y_m: f64) -> f64 {
+        let outward = if self.left { 1.0 } else { -1.0 };
+        self.inner.1 + self.slope_deg.to_radians().tan() * outward * (y_m - self.inner.0)
+    }
+
+    /// Whether a lateral distance is between its ends.
+    #[must_use]
+    pub fn spans(&self, y_m: f64) -> bool {
+        (self.inner.0.min(self.outer.0)..=self.inner.0.max(self.outer.0)).contains(&y_m)
+    }
+}
+
+impl Section {
+    /// The fitted lines.
+    #[must_use]
+    pub fn lines(&self) -> Vec<Fitted> {
+        lines(&self.profile, &self.levelled)
+    }
+}
+
+/// The fitted lines of a profile over its levelled points: left side before right, from the road outward. A profile tells slopes and lateral
+/// places; heights are those of the points there.
+#[must_use]
+pub fn lines(profile: &Profile, points: &[Place]) -> Vec<Fitted> {
+    let mut lines = Vec::new();
+    let mut room = Vec::new();
+    for (side, left) in [(&profile.left, true), (&profile.right, false)] {
+        lines.extend(of_side(side, left, points, &mut room).into_iter().flatten());
+    }
+    lines
+}
+
+fn of_side(side: &Side, left: bool, points: &[Place], room: &mut Vec<f64>) -> [Option<Fitted>; 3] {
+    let metres = |um: i32| f64::from(um) * 1e-6;
+    let mut through = |part: Part, slope_deg: f64, ci95_deg: Option<f64>, from: f64, to: f64| {
+        let rise = slope_deg.to_radians().tan() * if left { 1.0 } else { -1.0 };
+        let (low, high) = (from.min(to), from.max(to));
+        room.clear();
+        room.extend(points.iter().filter(|(y, _)| (low..=high).contains(y)).map(|(y, z)| z - rise * y));
+        if room.is_empty() {
+            return None;
+        }
+        let half = room.len() / 2;
+        let base = *room.select_nth_unstable_by(half, f64::total_cmp).1;
+        let place = |y: f64| (y, base + rise * y);
+        Some(Fitted { part, left, inner: place(from), outer: place(to), slope_deg, ci95_deg })
+    };
+    let road = side.road.zip(side.edge);
+    let road = road.and_then(|(slope, edge)| through(Part::Road, degrees(slope), None, 0.0, metres(edge.y_um)));
+    let mut slope = |part: Part, slope: Option<Slope>| {
+        let slope = slope?;
+        let ci95 = degrees(slope.ci95);
+        let (from, to) = (metres(slope.start.y_um), metres(slope.end.y_um));
+        through(part, degrees(slope.angle), (ci95 > 0.0).then_some(ci95), from, to)
+    };
+    let adjacent = slope(Part::Adjacent, side.adjacent);
+    [road, adjacent, slope(Part::Opposing, side.opposing)]
+}
+
+/// Slopes of small pieces along a section: at each lateral distance, that of a window such as a four-foot level would lie on.
+///
+/// A least-squares line through the points of the window; windows with fewer than four points are left out. Slopes in degrees, positive =
+/// rising outward.
+#[must_use]
+pub fn local_slopes(points: &[Place], window_m: f64) -> Vec<(f64, f64)> {
+    let mut slopes = Vec::new();
+    let reach = points.iter().map(|point| point.0.abs()).fold(0.0, f64::max).min(30.0);
+    let steps = (reach / 0.1) as i32;
+    for step in -steps..=steps {
+        let at = f64::from(step) * 0.1;
+        let near = points.iter().filter(|point| (point.0 - at).abs() <= window_m / 2.0);
+        let (mut n, mut sy, mut sz, mut syy, mut syz) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for &(y, z) in near {
+            let y = y - at;
+            (n, sy, sz, syy, syz) = (n + 1.0, sy + y, sz + z, syy + y * y, syz + y * z);
+        }
+        let spread = n * syy - sy * sy;
+        if n >= 4.0 && spread > 1e-6 {
+            let slope = ((n * syz - sy * sz) / spread).atan().to_degrees();
+            slopes.push((at, if at >= 0.0 { slope } else { -slope }));
+        }
+    }
+    slopes
+}
+
 /// The section of a scan, by the scan's number; nothing when the log has no profile of it.
 ///
 /// # Errors
 /// When the file cannot be read or is no log.
 pub fn of_scan(path: &Path, number: u32) -> Result<Option<Section>, Error> {
-    let mut stream = Stream::open(path)?;
-    let mut history = History::default();
-    let mut config = Config::default();
-    let mut recent: VecDeque<RawScan> = VecDeque::new();
-    let mode = ScanMode { span_deg: 180, step_cdeg: 50, measuring: 6 };
-    let mut room =
-        RawScan { index: 0, stx: DeviceTime(0), layout: 0, mode, status: 0, counters: None, values: [0; MAX_BEAMS] };
-    while let Some((_, item)) = stream.next() {
-        let Item::Message { message, .. } = item else { continue };
-        match message {
-            Message::Config(now) => config = now,
-            Message::Pose(pose) => history.push(&pose),
-            Message::Session(Session::Started(_)) => history.clear(),
-            Message::Scan(_) => {
-                if let Ok(Event::Scan(scan)) = Event::of(&message, &mut room) {
-                    if recent.len() > WAITING {
-                        recent.pop_front();
-                    }
-                    recent.push_back(scan.clone());
-                }
-            }
-            Message::Profile(profile) if profile.scan == number => {
-                let Some(scan) = recent.iter().find(|scan| scan.index == number) else { return Ok(None) };
-                let roll = history.over_scan(scan, profile.time, &config.attitude);
-                let mut untilted = config.scanner;
-                untilted.mounting_offset = Angle::ZERO;
-                return Ok(Some(Section {
-                    raw: places(scan, &RollTrack::constant(Angle::ZERO), &untilted),
-                    levelled: places(scan, &roll.track, &config.scanner),
-                    profile,
-                }));
-            }
-            _ => {}
+    let mut walk = Walk::open(path)?;
+    while let Some(step) = walk.next(|_, _| ()) {
+        if step.profile.scan == number {
+            return Ok(Some(step.section()));
         }
     }
     Ok(None)
 }
 
-fn places(scan: &RawScan, track: &RollTrack, scanner: &Scanner) -> Vec<Place> {
-    let mut points = Points::new();
-    level(scan, track, scanner, &mut points);
-    points.iter().map(|echo| (f64::from(echo.point.y_um) * 1e-6, f64::from(echo.point.z_um) * 1e-6)).collect()
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn local_slopes_are_those_of_the_ground() {
+        let points: Vec<Place> = (-100..=100)
+            .map(|i| {
+                let y = f64::from(i) * 0.1;
+                (y, if y.abs() < 4.0 { 0.0 } else { -(y.abs() - 4.0) * 0.1 })
+            })
+            .collect();
+        let slopes = local_slopes(&points, 1.2);
+        let at = |y: f64| slopes.iter().find(|one| (one.0 - y).abs() < 1e-9).unwrap().1;
+        assert!(at(0.0).abs() < 1e-9);
+        // Falling outward on both sides.
+        for y in [7.0, -7.0] {
+            assert!((at(y) + 0.1_f64.atan().to_degrees()).abs() < 1e-9, "{}", at(y));
+        }
+    }
 }

@@ -1,8 +1,9 @@
 //! A log as the messages that it holds, each with its place.
 //!
-//! One record of a log is one frame as received; whatever is wrong with one record stays within it.
+//! One record of a log is one frame as received; whatever is wrong with one record stays within it. A recording of several files is read as one.
 
-use std::path::Path;
+use std::collections::{BTreeMap, VecDeque};
+use std::path::{Path, PathBuf};
 
 use crossfall_core::protocol::frame::{DELIMITER, Event, Fault, Gap, HostDecoder, Sequence};
 use crossfall_core::protocol::message::Message;
@@ -13,12 +14,16 @@ use crate::log;
 /// Where a frame is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Place {
+    /// 0-based number of the file, in a recording of several.
+    pub file: usize,
     /// 0-based number of the record in the log.
     pub frame: u64,
     /// Where the record is in the file, in bytes.
     pub offset: u64,
     /// When it was received, in nanoseconds of the host's clock.
     pub receive_ns: u64,
+    /// The frame's own number, as far as it could be read.
+    pub sequence: Option<u16>,
 }
 
 /// What a record holds.
@@ -46,6 +51,8 @@ pub enum Item<'a> {
 #[derive(Debug)]
 pub struct Stream {
     reader: log::Reader,
+    /// Files that follow.
+    next: VecDeque<PathBuf>,
     decoder: HostDecoder,
     sequence: Sequence,
     place: Place,
@@ -60,8 +67,21 @@ impl Stream {
     /// # Errors
     /// As of [`log::Reader::open`].
     pub fn open(path: &Path) -> Result<Self, Error> {
+        Self::over(log::Reader::open(path)?, VecDeque::new())
+    }
+
+    /// Opens the files of one recording, in their order. Those behind the first are opened when their turn comes; one that cannot be is a damage.
+    ///
+    /// # Errors
+    /// As of [`log::Reader::open`], of the first.
+    pub fn open_all(first: &Path, others: &[PathBuf]) -> Result<Self, Error> {
+        Self::over(log::Reader::open(first)?, others.iter().cloned().collect())
+    }
+
+    fn over(reader: log::Reader, next: VecDeque<PathBuf>) -> Result<Self, Error> {
         Ok(Self {
-            reader: log::Reader::open(path)?,
+            reader,
+            next,
             decoder: HostDecoder::new(),
             sequence: Sequence::new(),
             place: Place::default(),
@@ -73,8 +93,15 @@ impl Stream {
 
     /// The log's metadata, as far as it has been read.
     #[must_use]
-    pub fn metadata(&self) -> &std::collections::BTreeMap<String, std::collections::BTreeMap<String, String>> {
+    pub fn metadata(&self) -> &BTreeMap<String, BTreeMap<String, String>> {
         self.reader.metadata()
+    }
+
+    /// Goes on in the next file, which there is.
+    fn open_next(&mut self, path: &Path) -> Result<(), Error> {
+        self.place = Place { file: self.place.file + 1, offset: 0, ..self.place };
+        self.reader = log::Reader::open(path)?;
+        Ok(())
     }
 
     /// Records read so far.
@@ -86,21 +113,33 @@ impl Stream {
     /// The next item; a lending iterator, as messages borrow from the frame.
     #[expect(clippy::should_implement_trait, reason = "an iterator cannot lend")]
     pub fn next(&mut self) -> Option<(Place, Item<'_>)> {
-        if self.taken >= self.record.len() {
-            match self.reader.next()? {
+        while self.taken >= self.record.len() {
+            let Some(read) = self.reader.next() else {
+                let path = self.next.pop_front()?;
+                if let Err(error) = self.open_next(&path) {
+                    return Some((Place { frame: self.frames, ..self.place }, Item::Damage(error)));
+                }
+                continue;
+            };
+            match read {
                 Err(error) => {
                     let place = Place { offset: error.offset().unwrap_or(self.place.offset), ..self.place };
                     return Some((Place { frame: self.frames, ..place }, Item::Damage(error)));
                 }
-                Ok(frame) => {
-                    self.place = Place { frame: self.frames, offset: frame.offset, receive_ns: frame.receive_ns };
+                Ok(log::Frame { offset, receive_ns, bytes }) => {
+                    let Place { file, .. } = self.place;
+                    self.place = Place { file, frame: self.frames, offset, receive_ns, sequence: None };
                     self.frames += 1;
-                    self.record = frame.bytes;
+                    self.record = bytes;
                     self.taken = 0;
+                    if self.record.is_empty() {
+                        let fault = Fault::Truncated;
+                        return Some((self.place, Item::Rejected { fault, bytes: 0 }));
+                    }
                 }
             }
         }
-        let place = self.place;
+        let mut place = self.place;
         let rest = self.record.get(self.taken..).unwrap_or_default();
         let idle = rest.iter().take_while(|&&byte| byte == DELIMITER).count();
         let mut input = rest.get(idle..).unwrap_or_default();
@@ -117,10 +156,12 @@ impl Stream {
         self.taken += idle + length;
         let item = match self.decoder.next(&mut input)? {
             Event::Frame(frame) => {
+                place.sequence = Some(frame.sequence);
                 let gap = self.sequence.observe_message(frame.sequence, &frame.body);
                 Item::Message { message: frame.body, gap }
             }
             Event::Rejected(rejected) => {
+                place.sequence = rejected.sequence;
                 if let Some(sequence) = rejected.sequence {
                     self.sequence.observe(sequence);
                 }
@@ -134,5 +175,11 @@ impl Stream {
     #[must_use]
     pub fn missing(&self) -> u64 {
         self.sequence.missing()
+    }
+
+    /// Bytes of damaged places of the file under way that gave no frame, so far.
+    #[must_use]
+    pub fn unread(&self) -> u64 {
+        self.reader.unread()
     }
 }

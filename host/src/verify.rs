@@ -2,12 +2,13 @@
 //!
 //! The survey layer and the clock of the core run over the log's own scans, poses, pulses and configurations, in the order of the stream,
 //! and must say again what the board said. After a gap they lack what was lost, so until their histories are full of what came after it a
-//! different answer proves nothing: such profiles count as unverifiable, not as wrong. The memory used does not grow with the log.
+//! different answer proves nothing: such profiles count as unverifiable, not as wrong. A log that begins with anything but the hello of a boot begins
+//! with a gap: the board was at work before. The memory used does not grow with the log.
 
 mod replay;
 mod times;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crossfall_core::protocol::frame::Gap;
 use crossfall_core::protocol::message::Message;
@@ -15,6 +16,7 @@ use crossfall_core::protocol::schema;
 use serde::Serialize;
 
 use crate::container::Error;
+use crate::log::metadata;
 use crate::stream::{Item, Place, Stream};
 use replay::Replay;
 use times::Times;
@@ -25,6 +27,9 @@ const KEPT: usize = 1_000;
 /// What is wrong, and where.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Problem {
+    /// The file, in a recording of several.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<PathBuf>,
     /// 0-based number of the frame in the log.
     pub frame: u64,
     /// Where its record is in the file.
@@ -36,7 +41,7 @@ pub struct Problem {
 /// The verdict on a log.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Report {
-    /// Whether nothing at all is wrong.
+    /// Whether nothing at all is wrong and every profile was recomputed.
     pub ok: bool,
     /// Frames in the log, good or bad.
     pub frames: u64,
@@ -62,28 +67,39 @@ pub struct Report {
     pub problem_count: u64,
 }
 
-impl Report {
-    fn note(&mut self, place: Place, what: String) {
-        self.problem_count += 1;
-        if self.problems.len() < KEPT {
-            self.problems.push(Problem { frame: place.frame, offset: place.offset, what });
-        }
-    }
-}
-
-/// Verifies a log. `progress` is told the offset reached in the file.
+/// Verifies a log. `progress` is told the number of the file (0) and the offset reached in it.
 ///
 /// # Errors
 /// When the file cannot be opened or is no log at all; damage within it is part of the report.
 pub fn verify(path: &Path, mut progress: impl FnMut(u64)) -> Result<Report, Error> {
-    let mut stream = Stream::open(path)?;
+    verify_all(path, &[], |_, offset| progress(offset))
+}
+
+/// Verifies the files of one recording, in their order, as the one stream that they are. `progress` is told the 0-based number of the file and the
+/// offset reached in it.
+///
+/// # Errors
+/// When the first file cannot be opened or is no log at all.
+pub fn verify_all(first: &Path, others: &[PathBuf], mut progress: impl FnMut(usize, u64)) -> Result<Report, Error> {
+    let mut stream = Stream::open_all(first, others)?;
+    let name = |file: usize| match file.checked_sub(1) {
+        _ if others.is_empty() => None,
+        None => Some(first.to_path_buf()),
+        Some(other) => others.get(other).cloned(),
+    };
+    let known = stream.metadata().get(metadata::CONFIG).and_then(|entries| entries.get("toml"));
+    let known = known.and_then(|toml| crate::config::parse(first, toml).ok());
     let mut report = Report::default();
     let mut replay = Replay::default();
     let mut times = Times::default();
     let mut unknown_schema = false;
+    let mut beginning = true;
     let mut last = Place::default();
     while let Some((place, item)) = stream.next() {
-        progress(place.offset);
+        progress(place.file, place.offset);
+        if std::mem::take(&mut beginning) && !is_boot(place, &item) {
+            replay.begin_midway(known.as_ref());
+        }
         last = place;
         let mut problems = Vec::new();
         match item {
@@ -100,7 +116,6 @@ pub fn verify(path: &Path, mut progress: impl FnMut(u64)) -> Result<Report, Erro
                 match gap {
                     Gap::None => {}
                     Gap::Missing(count) => {
-                        report.missing_frames += u64::from(count);
                         problems.push(format!("{count} frame{} missing before this one", plural(count)));
                         replay.gap();
                     }
@@ -132,21 +147,36 @@ pub fn verify(path: &Path, mut progress: impl FnMut(u64)) -> Result<Report, Erro
             }
         }
         for what in problems {
-            report.note(place, what);
+            report.note(name(place.file), place, what);
         }
     }
     if let Some(what) = replay.finish() {
-        report.note(last, what);
+        report.note(name(last.file), last, what);
     }
     report.frames = stream.frames();
+    report.missing_frames = stream.missing();
     report.profiles_reproduced = replay.reproduced;
     report.profiles_unverifiable = replay.unverifiable;
     report.seconds = times.seconds();
     if report.frames == 0 {
-        report.note(last, "the log holds no frame".to_owned());
+        report.note(name(last.file), last, "the log holds no frame".to_owned());
     }
-    report.ok = report.problem_count == 0 && report.profiles_reproduced == report.profiles;
+    report.ok = report.problem_count == 0 && report.profiles_reproduced + replay.joined == report.profiles;
     Ok(report)
+}
+
+impl Report {
+    fn note(&mut self, file: Option<PathBuf>, place: Place, what: String) {
+        self.problem_count += 1;
+        if self.problems.len() < KEPT {
+            self.problems.push(Problem { file, frame: place.frame, offset: place.offset, what });
+        }
+    }
+}
+
+/// Whether a stream that begins with this begins with the board: its first word has the number 0.
+fn is_boot(place: Place, item: &Item<'_>) -> bool {
+    place.sequence == Some(0) && matches!(item, Item::Message { message: Message::Hello(_), .. })
 }
 
 fn plural(count: u16) -> &'static str {

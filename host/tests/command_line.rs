@@ -264,6 +264,7 @@ fn help_is_as_it_was() {
         "import",
         "run",
         "record",
+        "replay",
         "verify",
         "profiles",
         "plot",

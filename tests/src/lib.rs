@@ -2,7 +2,8 @@
 #![forbid(unsafe_code)]
 
 pub mod emulator;
-pub mod lms_emulator;
+pub mod fuzzing;
+pub use crossfall::emulated::scanner as lms_emulator;
 
 use std::path::PathBuf;
 

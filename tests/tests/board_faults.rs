@@ -10,7 +10,7 @@ use crossfall::verify;
 use crossfall_core::protocol::Config;
 use crossfall_core::protocol::config::Method;
 use crossfall_core::protocol::message::{Command, Message, Outcome, PulseVerdict};
-use crossfall_tests::emulator::drive::Step;
+use crossfall_tests::emulator::Step;
 use crossfall_tests::lms_emulator::Mode;
 use crossfall_tests::recordings;
 
@@ -115,7 +115,7 @@ fn faults_on_the_wires_are_counted_and_survived() {
     ));
     steps.sort_by_key(Step::device_time_ns);
 
-    let played = board.play(&mut scanner, steps).expect("a running board");
+    let played = board.play(&mut scanner, steps, |_| ()).expect("a running board");
     let status = board::stop(&mut board);
     println!("{played:?}\n{status:?}");
 

@@ -1,18 +1,19 @@
 //! The slope of the ground under the sensor, scan by scan, for any assumed delay.
 //!
 //! Levelling is the core's own: the same attitude, the same roll for every beam, the same points. The line is fitted here in floating point,
-//! robustly, over the points within three metres of the sensor on both sides.
+//! robustly, over the points within three metres of the sensor on both sides, each with the variance that the noise of its range
+//! has in height: the square of the cosine of its beam's angle from straight down, and a fifth of that noise for the surface.
 
-use crossfall_core::attitude::{HISTORY, History};
+use crossfall_core::attitude::{HISTORY, History, ScanRoll};
 use crossfall_core::protocol::message::{ScanMode, flags};
-use crossfall_core::protocol::{Config, DeviceTime};
+use crossfall_core::protocol::{DeviceTime, config};
 use crossfall_core::scan::{self, MAX_BEAMS, Points, RawScan};
 
 use super::{Drive, Sample};
 use crate::profiles::degrees;
 
 /// Points this far to either side belong to the ground under the sensor, in metres.
-const REACH_M: f64 = 3.0;
+pub const REACH_M: f64 = 3.0;
 
 /// Fewest points that make a line.
 const LEAST_POINTS: usize = 40;
@@ -21,7 +22,7 @@ const LEAST_POINTS: usize = 40;
 const PROBE_US: f64 = 500.0;
 
 /// One scan's residual.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Residual {
     /// Number of the scan in the drive.
     pub scan: usize,
@@ -29,10 +30,14 @@ pub struct Residual {
     pub seconds: f64,
     /// Slope of the levelled ground to the left, in degrees.
     pub slope_deg: f64,
+    /// Its standard error by the scatter of the points about the line.
+    pub se_deg: f64,
     /// How that slope changes with the assumed delay, in degrees a microsecond.
     pub rate_deg_us: f64,
     /// Roll at straight down, in degrees.
     pub roll_deg: f64,
+    /// Flags of the attitude.
+    pub flags: u16,
 }
 
 /// The scans and poses of a drive, ready to be levelled with any delay.
@@ -50,13 +55,26 @@ impl<'a> Ground<'a> {
         let mut points = Points::new();
         let mut found = Vec::with_capacity(self.drive.scans.len());
         for (number, scan) in self.drive.scans.iter().enumerate() {
-            let at = |delay: f64, points: &mut Points| self.slope(scan, delay, points);
-            let Some((slope_deg, roll_deg)) = at(delay_us, &mut points) else { continue };
-            let Some((later, _)) = at(delay_us + PROBE_US, &mut points) else { continue };
-            let Some((earlier, _)) = at(delay_us - PROBE_US, &mut points) else { continue };
-            let seconds = scan.start(delay_us.round() as i32).0 as f64 * 1e-6;
-            let rate_deg_us = (later - earlier) / (2.0 * PROBE_US);
-            found.push(Residual { scan: number, seconds, slope_deg, rate_deg_us, roll_deg });
+            let mut at = |delay_us: f64| {
+                // The core's delay is whole microseconds.
+                let delay_us = delay_us.round() as i32;
+                let roll = self.track(scan, delay_us)?;
+                let line = self.line(scan, &roll, delay_us, &mut points)?;
+                Some((line, roll))
+            };
+            let Some((line, roll)) = at(delay_us) else { continue };
+            let Some((later, _)) = at(delay_us + PROBE_US) else { continue };
+            let Some((earlier, _)) = at(delay_us - PROBE_US) else { continue };
+            let rate_deg_us = (later.slope_deg - earlier.slope_deg) / (2.0 * PROBE_US);
+            found.push(Residual {
+                scan: number,
+                seconds: scan.start(delay_us.round() as i32).0 as f64 * 1e-6,
+                slope_deg: line.slope_deg + rate_deg_us * (delay_us - delay_us.round()),
+                se_deg: line.se_deg,
+                rate_deg_us,
+                roll_deg: degrees(roll.nadir),
+                flags: roll.flags,
+            });
         }
         found
     }
@@ -80,23 +98,19 @@ impl<'a> Ground<'a> {
         samples
     }
 
-    /// Slope of the ground and roll at straight down, both in degrees, with this delay.
-    fn slope(&self, scan: &RawScan, delay_us: f64, points: &mut Points) -> Option<(f64, f64)> {
-        // The core's delay is whole microseconds; the rest of it is left to the derivative.
-        let scanner = crossfall_core::protocol::config::Scanner {
-            delay_us: delay_us.round() as i32,
-            ..self.drive.config.scanner
-        };
-        let start = scan.start(scanner.delay_us);
-        let history = self.history_around(start);
-        let roll = history.over_scan(scan, start, &self.drive.config.attitude);
-        if roll.flags & (flags::NO_ATTITUDE | flags::ATTITUDE_HELD) != 0 {
-            return None;
-        }
+    /// Roll over a scan with this delay, where the log has it.
+    pub fn track(&self, scan: &RawScan, delay_us: i32) -> Option<ScanRoll> {
+        let start = scan.start(delay_us);
+        let roll = self.history_around(start).over_scan(scan, start, &self.drive.config.attitude);
+        (roll.flags & (flags::NO_ATTITUDE | flags::ATTITUDE_HELD) == 0).then_some(roll)
+    }
+
+    fn line(&self, scan: &RawScan, roll: &ScanRoll, delay_us: i32, points: &mut Points) -> Option<Line> {
+        let scanner = config::Scanner { delay_us, ..self.drive.config.scanner };
         scan::level(scan, &roll.track, &scanner, points);
         let section = points.iter().map(|echo| (f64::from(echo.point.y_um) * 1e-6, f64::from(echo.point.z_um) * 1e-6));
         let near: Vec<_> = section.filter(|(y, _)| y.abs() <= REACH_M).collect();
-        Some((robust_slope(&near)?, degrees(roll.nadir)))
+        robust_line(&near)
     }
 
     /// The poses around a scan, as the core's history would hold them.
@@ -111,38 +125,71 @@ impl<'a> Ground<'a> {
     }
 }
 
-/// Slope in degrees of the line through points, refitted with Tukey's weights until what lies off it no longer counts.
-fn robust_slope(points: &[(f64, f64)]) -> Option<f64> {
+/// A line over the ground.
+#[derive(Clone, Copy, Debug)]
+struct Line {
+    slope_deg: f64,
+    se_deg: f64,
+}
+
+/// Variance of a surface about its line over that of a range.
+const SURFACE_SHARE: f64 = 0.04;
+
+/// The line through points, refitted with Tukey's weights until what lies off it no longer counts.
+fn robust_line(points: &[(f64, f64)]) -> Option<Line> {
     if points.len() < LEAST_POINTS {
         return None;
     }
-    let mut weights = vec![1.0; points.len()];
+    // Inverse variances: noise along a beam shows in height by the cosine of its angle from straight down.
+    let precisions: Vec<f64> = points.iter().map(|(y, z)| 1.0 / (z * z / (y * y + z * z) + SURFACE_SHARE)).collect();
+    let mut weights = precisions.clone();
     let mut line = weighted_line(points, &weights)?;
     for _ in 0..4 {
-        let mut sizes: Vec<f64> = points.iter().map(|(y, z)| (z - line.0 - line.1 * y).abs()).collect();
+        let size =
+            |((y, z), precision): (&(f64, f64), &f64)| (z - line.height - line.slope * y).abs() * precision.sqrt();
+        let mut sizes: Vec<f64> = points.iter().zip(&precisions).map(size).collect();
         let middle = sizes.len() / 2;
         let (_, median, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
         let scale = (4.685 * 1.4826 * *median).max(1e-4);
-        for (weight, (y, z)) in weights.iter_mut().zip(points) {
-            let u = (z - line.0 - line.1 * y) / scale;
-            *weight = if u.abs() < 1.0 { (1.0 - u * u) * (1.0 - u * u) } else { 0.0 };
+        for ((weight, precision), point) in weights.iter_mut().zip(&precisions).zip(points) {
+            let u = size((point, precision)) / scale;
+            *weight = if u < 1.0 { precision * (1.0 - u * u) * (1.0 - u * u) } else { 0.0 };
         }
         line = weighted_line(points, &weights)?;
     }
-    Some(line.1.atan().to_degrees())
+    // Scatter by the points that count, freed of what Tukey's weights take from it: E[k] / E[k u^2] = 0.915 / 0.758 for normal errors.
+    let (mut squares, mut count) = (0.0, 0.0);
+    for (((y, z), weight), precision) in points.iter().zip(&weights).zip(&precisions) {
+        squares += weight * (z - line.height - line.slope * y).powi(2);
+        count += weight / precision;
+    }
+    let variance = 1.208 * squares / (count - 2.0).max(1.0);
+    let slope_se = (variance / line.spread).sqrt();
+    Some(Line {
+        slope_deg: line.slope.atan().to_degrees(),
+        se_deg: (slope_se / (1.0 + line.slope * line.slope)).to_degrees(),
+    })
 }
 
-/// Height at 0 and slope.
-fn weighted_line(points: &[(f64, f64)], weights: &[f64]) -> Option<(f64, f64)> {
+#[derive(Clone, Copy)]
+struct Weighted {
+    height: f64,
+    slope: f64,
+    /// Weighted sum of squares of the places about their mean.
+    spread: f64,
+}
+
+fn weighted_line(points: &[(f64, f64)], weights: &[f64]) -> Option<Weighted> {
     let total: f64 = weights.iter().sum();
     let mean = |pick: fn(&(f64, f64)) -> f64| points.iter().zip(weights).map(|(p, w)| pick(p) * w).sum::<f64>() / total;
     let (mean_y, mean_z) = (mean(|p| p.0), mean(|p| p.1));
-    let (mut syy, mut syz) = (0.0, 0.0);
+    let (mut spread, mut product) = (0.0, 0.0);
     for ((y, z), weight) in points.iter().zip(weights) {
-        syy += weight * (y - mean_y) * (y - mean_y);
-        syz += weight * (y - mean_y) * (z - mean_z);
+        spread += weight * (y - mean_y) * (y - mean_y);
+        product += weight * (y - mean_y) * (z - mean_z);
     }
-    (total > 0.0 && syy > 0.0).then(|| (mean_z - syz / syy * mean_y, syz / syy))
+    let slope = product / spread;
+    (total > 0.0 && spread > 0.0).then_some(Weighted { height: mean_z - slope * mean_y, slope, spread })
 }
 
 /// Room for a scan that is about to be decoded.
@@ -151,7 +198,7 @@ pub fn empty_scan() -> RawScan {
         index: 0,
         stx: DeviceTime(0),
         layout: 0,
-        mode: ScanMode { span_deg: 180, step_cdeg: 50, measuring: Config::default().scanner.measuring_mode },
+        mode: ScanMode { span_deg: 180, step_cdeg: 50, measuring: config::Config::default().scanner.measuring_mode },
         status: 0,
         counters: None,
         values: [0; MAX_BEAMS],

@@ -1,6 +1,6 @@
 //! Means and a regression over residuals whose errors last from one scan to the next.
 
-use super::ground::Residual;
+pub use super::ground::Residual;
 
 /// Length of the means that a lasting error is judged by, in seconds.
 const BLOCK_S: f64 = 0.5;
@@ -50,8 +50,21 @@ pub fn regress(points: &[Residual]) -> Regression {
     Regression { slope, slope_se }
 }
 
-/// The mean of the residuals and its standard error.
-pub fn mean(points: &[Residual]) -> (f64, f64) {
+/// The mean of the residuals and what it may be off by.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Mean {
+    /// The mean.
+    pub mean: f64,
+    /// Variance that lasts from one half second to the next, about the mean: what moved within the record.
+    pub slow_variance: f64,
+    /// Variance of the mean by noise that does not last.
+    pub fast_variance: f64,
+    /// Variance of the mean if half-second means are a first-order autoregression.
+    pub autoregressive_variance: f64,
+}
+
+/// The mean of the residuals and its variances.
+pub fn mean(points: &[Residual]) -> Mean {
     let count = points.len() as f64;
     let mean = points.iter().map(|point| point.slope_deg).sum::<f64>() / count;
     let block = scans_in(points, BLOCK_S).max(1);
@@ -60,14 +73,13 @@ pub fn mean(points: &[Residual]) -> (f64, f64) {
         .map(|part| part.iter().map(|point| point.slope_deg - mean).sum::<f64>() / block as f64)
         .collect();
     let n = blocks.len() as f64;
-    if n < 4.0 {
-        return (mean, deviation(points.iter().map(|point| point.slope_deg)));
-    }
     let power: f64 = blocks.iter().map(|b| b * b).sum();
-    let lagged: f64 = blocks.windows(2).map(|pair| pair[0] * pair[1]).sum();
-    if power <= 0.0 {
-        return (mean, 0.0);
+    if n < 4.0 || power <= 0.0 {
+        let fast_variance = deviation(points.iter().map(|point| point.slope_deg)).powi(2);
+        return Mean { mean, fast_variance, ..Mean::default() };
     }
+    let lagged: f64 = blocks.windows(2).map(|pair| pair[0] * pair[1]).sum();
+    let slow_variance = (lagged / (n - 1.0)).max(0.0);
     // The autocorrelation of a short record is found too small by (1 + 3 rho) / n (Kendall 1954).
     let found = lagged / power;
     let rho = (found + (1.0 + 3.0 * found) / n).clamp(0.0, 0.98);
@@ -75,7 +87,12 @@ pub fn mean(points: &[Residual]) -> (f64, f64) {
     let inflation = (1.0 + rho) / (1.0 - rho);
     let own = (inflation / n).min(0.75);
     let variance = power / (n - 1.0) / (1.0 - own);
-    (mean, (variance * inflation.min(n) / n).sqrt())
+    Mean {
+        mean,
+        slow_variance,
+        fast_variance: (power / n - slow_variance).max(0.0) / n,
+        autoregressive_variance: variance * inflation.min(n) / n,
+    }
 }
 
 /// How many scans there are in so many seconds, by the median interval.
@@ -101,4 +118,14 @@ fn high_pass(points: &[Residual], pick: fn(&Residual) -> f64) -> Vec<f64> {
         (sums[to] - sums[from]) / (to - from) as f64
     };
     points.iter().enumerate().map(|(i, point)| pick(point) - mean(i)).collect()
+}
+
+/// Slope of the least-squares line through points.
+pub fn line_slope(points: &[(f64, f64)]) -> f64 {
+    let count = points.len().max(1) as f64;
+    let (mean_x, mean_y) =
+        (points.iter().map(|p| p.0).sum::<f64>() / count, points.iter().map(|p| p.1).sum::<f64>() / count);
+    let product: f64 = points.iter().map(|(x, y)| (x - mean_x) * (y - mean_y)).sum();
+    let spread: f64 = points.iter().map(|(x, _)| (x - mean_x) * (x - mean_x)).sum();
+    product / spread
 }

@@ -1,7 +1,8 @@
 //! `crossfall demo`: the whole instrument in one go, on a simulated drive whose truth is known.
 //!
-//! Sensor bytes are simulated, go through the board's own code in process, are logged, proved and turned into the table of
-//! profiles. Then the table is held against the truth. Everything that was made stays in a folder to be looked at.
+//! Sensor bytes are simulated, go through the board's own code - in process, or in the image that a user flashes, booted in QEMU -, are
+//! logged, proved and turned into the table of profiles. Then the table is held against the truth. Everything that was
+//! made stays in a folder to be looked at.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,11 +11,13 @@ use std::time::Instant;
 use anyhow::Context;
 use crossfall::accuracy::{Accuracy, hold_against};
 use crossfall::capture::{Reader, Writer};
+use crossfall::drive::Drive;
 use crossfall::output::Output;
 use crossfall::profiles::{Row, Rows, write_csv};
-use crossfall::simulate::scene::Mode;
+use crossfall::simulate::scene::{Mode, Scene};
 use crossfall::simulate::{self, truth};
-use crossfall::{log, output, verify};
+use crossfall::{emulated, info, log, output, report, verify};
+use crossfall_core::protocol::Config;
 
 use super::progress::Progress;
 use super::{Outcome, plot, say, say_json, tell};
@@ -25,7 +28,8 @@ use super::{Outcome, plot, say, say_json, tell};
 Examples:
   crossfall demo
   crossfall demo --seconds 20 --seed 7 -o /tmp/demo
-  crossfall demo --scene host/scenes/random-sections.toml")]
+  crossfall demo --scene host/scenes/random-sections.toml
+  crossfall demo --device emulated --seconds 20")]
 pub struct Args {
     /// The folder for all that is made; made if need be
     #[arg(short, long, value_name = "FOLDER", default_value = "crossfall-demo")]
@@ -42,6 +46,12 @@ pub struct Args {
     /// A configuration for the board (TOML, see `crossfall config`)
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
+    /// What the drive goes through
+    #[arg(long, value_enum, default_value_t = Device::InProcess)]
+    device: Device,
+    /// The board's image for `--device emulated`, instead of the one that cargo has built
+    #[arg(long, value_name = "ELF")]
+    image: Option<PathBuf>,
     /// Pictures for paper or for a screen
     #[arg(long, value_enum, default_value_t = plot::Theme::Light)]
     theme: plot::Theme,
@@ -50,10 +60,28 @@ pub struct Args {
     json: bool,
 }
 
+/// What a demo's drive goes through.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Device {
+    /// The board's code, in this program
+    InProcess,
+    /// The board's image, in QEMU: in real time and at half the scanner's rate
+    Emulated,
+}
+
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let began = Instant::now();
     let config = super::configuration(args.config.as_deref())?;
-    let scene = super::simulate::scene(args.scene.as_ref(), args.seconds, args.seed)?;
+    let mut scene = super::simulate::scene(args.scene.as_ref(), args.seconds, args.seed)?;
+    let image = match args.device {
+        Device::InProcess => None,
+        Device::Emulated => {
+            emulated::require_qemu()?;
+            // What its lines carry: every second scan, which indices would count as missing, and as many poses.
+            (scene.scanner.index_bytes, scene.ins.rate_hz) = (false, scene.ins.rate_hz.min(50));
+            Some(emulated::find_image(args.image.as_deref())?)
+        }
+    };
     let folder = &args.output;
     fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     let file = |name: &str| folder.join(name);
@@ -61,7 +89,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 
     let mut capture = Writer::create(&capture_path)?;
     let progress = Progress::new("simulate", simulate::scans(&scene) as u64);
-    let made = simulate::simulate(&scene, &mut capture, |scan| progress.at(scan as u64))?;
+    let mut made = simulate::simulate(&scene, &mut capture, |scan| progress.at(scan as u64))?;
     drop(progress);
     capture.finish()?;
     let mut csv = Vec::new();
@@ -75,19 +103,15 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         made.pulses
     );
 
-    let mut capture = Reader::open(&capture_path)?;
-    let (first, last) = capture.span_ns().unwrap_or_default();
     let mut log = log::Writer::create(&log_path)?;
-    let progress = Progress::new("run", last.saturating_sub(first));
-    let ran = crossfall::run::run(&mut capture, &config, &mut log, |now| progress.at(now.saturating_sub(first)))?;
-    drop(progress);
-    anyhow::ensure!(!ran.interrupted, "interrupted");
+    let lost = match &image {
+        None => in_process(&capture_path, &config, &mut log)?,
+        Some(image) => {
+            made.truth = made.truth.into_iter().step_by(2).collect();
+            in_emulator(image, &capture_path, &scene, &config, &mut log)?
+        }
+    };
     log.finish()?;
-    tell!(
-        "logged     {:>7} frames, {:.1} kB a second on the link",
-        ran.frames,
-        ran.bytes as f64 / 1e3 / ran.seconds.max(1e-3)
-    );
 
     let progress = Progress::new("verify", fs::metadata(&log_path).map_or(0, |metadata| metadata.len()));
     let report = verify::verify(&log_path, |offset| progress.at(offset))?;
@@ -97,18 +121,18 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
 
     let mut table = Output::create(&file("profiles.csv"))?;
-    write_csv(&mut Rows::open(&log_path)?, &mut table, |_| ()).context("profiles.csv")?;
+    write_csv(&mut Rows::open(&log_path)?, &mut table).context("profiles.csv")?;
     table.commit()?;
     let rows: Vec<Row> = Rows::open(&log_path)?.collect();
     let accuracy = hold_against(&rows, &made.truth);
     let along_road = scene.sections.mode != Mode::RandomPerScan;
-    draw(args, &rows, if along_road { &made.truth } else { &[] }, &log_path)?;
+    draw(args, if along_road { &made.truth } else { &[] }, &log_path)?;
     tell!(
-        "made       {}: drive.mcap, drive.log.mcap, truth.csv, profiles.csv, section-*.svg, slopes.svg",
+        "made       {}: drive.mcap, drive.log.mcap, truth.csv, profiles.csv, section-*.svg, slopes.svg, report.html",
         folder.display()
     );
 
-    let whole = report.ok && ran.damage.is_empty() && crossfall::info::losses(&ran.status).is_empty();
+    let whole = report.ok && !lost;
     if args.json {
         say_json(&serde_json::json!({
             "ok": whole,
@@ -131,7 +155,58 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::lost_if(!whole))
 }
 
-fn draw(args: &Args, rows: &[Row], truth: &[truth::Row], log: &Path) -> anyhow::Result<()> {
+/// The drive through the board's code in this program; whether anything was lost.
+fn in_process(capture: &Path, config: &Config, log: &mut log::Writer) -> anyhow::Result<bool> {
+    let mut capture = Reader::open(capture)?;
+    let (first, last) = capture.span_ns().unwrap_or_default();
+    let progress = Progress::new("run", last.saturating_sub(first));
+    let ran = crossfall::run::run(&mut capture, config, log, |now| progress.at(now.saturating_sub(first)))?;
+    drop(progress);
+    anyhow::ensure!(!ran.interrupted, "interrupted");
+    tell!(
+        "logged     {:>7} frames, {:.1} kB a second on the link",
+        ran.frames,
+        ran.bytes as f64 / 1e3 / ran.seconds.max(1e-3)
+    );
+    Ok(!ran.damage.is_empty() || !info::losses(&ran.status).is_empty())
+}
+
+/// The drive through the board's image in QEMU; whether anything was lost.
+fn in_emulator(
+    image: &Path,
+    capture: &Path,
+    scene: &Scene,
+    config: &Config,
+    log: &mut log::Writer,
+) -> anyhow::Result<bool> {
+    tell!("boots      {}", image.display());
+    let drive: Vec<_> = Reader::open(capture)?.collect::<Result<_, _>>()?;
+    let progress = Progress::new("drive", (scene.drive.seconds * 1e6) as u64);
+    let surveyed =
+        emulated::survey(image, emulated::half_the_scans(drive), config, log, |played_us| progress.at(played_us))?;
+    drop(progress);
+    let emulated::Surveyed { played, status, frames, bytes, missing_frames, rejected, stack } = surveyed;
+    tell!(
+        "logged     {frames:>7} frames, {:.1} kB a second on the link, from {} scans and {} poses; {} of {} bytes of stack used",
+        bytes as f64 / 1e3 / scene.drive.seconds,
+        status.scans,
+        status.poses,
+        stack.0,
+        stack.1
+    );
+    // What a telegram is late, its roll is late: half a degree for 70 ms on a vehicle that rolls at 7 degrees a second.
+    tell!("           this machine sent its bytes {:.1} ms late at worst", played.latest.as_secs_f64() * 1e3);
+    let losses = info::losses(&status);
+    for (name, count) in &losses {
+        tell!("lost: {name} = {count}");
+    }
+    if missing_frames + rejected + u64::from(played.unsent) > 0 {
+        tell!("lost: {missing_frames} frames missing, {rejected} damaged, {} scans unsent", played.unsent);
+    }
+    Ok(!losses.is_empty() || missing_frames + rejected > 0 || played.unsent > 0)
+}
+
+fn draw(args: &Args, truth: &[truth::Row], log: &Path) -> anyhow::Result<()> {
     // Sections of a drive vary along the road and can be drawn over it; independent ones cannot.
     let start = truth.first().map_or(0.0, |row| row.station_m);
     let along = |slope: fn(&truth::Row) -> f64| truth.iter().map(|row| (row.station_m - start, slope(row))).collect();
@@ -148,11 +223,14 @@ fn draw(args: &Args, rows: &[Row], truth: &[truth::Row], log: &Path) -> anyhow::
             fs::remove_file(entry.path())?;
         }
     }
-    plot::slopes(rows, &truth, args.theme.into(), &args.output)?;
-    if !rows.is_empty() {
-        plot::one_section(log, plot::typical(rows), args.theme.into(), &args.output)?;
+    let drive = Drive::read(log, |_| ())?;
+    let canvas = plot::Canvas { folder: &args.output, format: plot::Format::Svg, theme: args.theme.into() };
+    plot::slopes(&canvas, std::slice::from_ref(&drive), &[], &truth)?;
+    if !drive.scans.is_empty() {
+        plot::one_section(&canvas, log, plot::typical(&drive), &mut Vec::new())?;
     }
-    Ok(())
+    let page = report::page(&drive, "A simulated drive");
+    Ok(output::write(&args.output.join("report.html"), page.as_bytes())?)
 }
 
 /// The table for people.

@@ -1,9 +1,12 @@
 //! One file a subcommand; its first comment is its manual.
 
 mod calibrate;
+mod cloud;
+mod compare;
 mod completions;
 mod config;
 mod demo;
+mod export;
 mod import;
 mod info;
 mod monitor;
@@ -11,6 +14,9 @@ mod plot;
 mod profiles;
 mod progress;
 mod record;
+mod recover;
+mod replay;
+mod report;
 mod reproduce;
 mod reproduce_terrain;
 mod risk;
@@ -52,12 +58,18 @@ pub enum Command {
     Import(import::Args),
     Run(run::Args),
     Record(record::Args),
+    Replay(replay::Args),
+    Recover(recover::Args),
     Serve(serve::Args),
     Monitor(monitor::Args),
     Verify(verify::Args),
     Profiles(profiles::Args),
     Calibrate(calibrate::Args),
+    Compare(compare::Args),
     Plot(plot::Args),
+    Cloud(cloud::Args),
+    Report(report::Args),
+    Export(export::Args),
     Risk(risk::Args),
     Reproduce(reproduce::Args),
     Info(info::Args),
@@ -88,12 +100,18 @@ impl Command {
             Self::Import(args) => import::run(&args),
             Self::Run(args) => run::run(&args),
             Self::Record(args) => record::run(&args),
+            Self::Replay(args) => replay::run(&args),
+            Self::Recover(args) => recover::run(&args),
             Self::Serve(args) => serve::run(&args),
             Self::Monitor(args) => monitor::run(&args),
             Self::Verify(args) => verify::run(&args),
             Self::Profiles(args) => profiles::run(&args),
             Self::Calibrate(args) => calibrate::run(&args),
+            Self::Compare(args) => compare::run(&args),
             Self::Plot(args) => plot::run(&args),
+            Self::Cloud(args) => cloud::run(&args),
+            Self::Report(args) => report::run(&args),
+            Self::Export(args) => export::run(&args),
             Self::Risk(args) => risk::run(&args),
             Self::Reproduce(args) => reproduce::run(&args),
             Self::Info(args) => info::run(&args),

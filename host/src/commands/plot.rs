@@ -1,36 +1,60 @@
-//! `crossfall plot`: pictures of a log.
+//! `crossfall plot`: pictures of one log, or of several over each other.
 //!
-//! `slopes.svg` has the slopes along the drive with their 95 % intervals, `section-N.svg` one section: raw and levelled points, road, edges,
-//! slopes.
+//! `slopes` has the slopes along the drive with their 95 % intervals, `section-N` one section: raw and levelled points, road, edges, slopes,
+//! `variation-N` the slope of small pieces along that section. With several logs of one road, `runs` has their returns at one place over each other, and
+//! `slopes` has all of them by where they were. With the truth of a simulated drive, `errors` has histograms of the slopes' errors.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use clap::ValueEnum;
+use crossfall::along::Along;
+use crossfall::drive::{Drive, SLOPES};
 use crossfall::plot::{self, Series, TruthAt};
-use crossfall::profiles::{Row, Rows, SlopeRow};
+use crossfall::section::Section;
 use crossfall::{output, section};
 
+use super::progress::Progress;
 use super::{Outcome, tell};
 
-/// Draw a section and the slopes along the drive (SVG)
+/// Draw a section, the slopes along the drive, runs over each other (SVG, PNG)
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   crossfall plot drive.log.mcap -o pictures
-  crossfall plot drive.log.mcap --scan 120 --theme dark -o pictures")]
+  crossfall plot drive.log.mcap --scan 120 --theme dark --format png -o pictures
+  crossfall plot run1.log.mcap run2.log.mcap run3.log.mcap --station 250 -o pictures
+  crossfall plot drive.log.mcap --truth truth.csv -o pictures")]
 pub struct Args {
-    /// The log
-    log: PathBuf,
+    /// The log, or several of one road
+    #[arg(required = true)]
+    logs: Vec<PathBuf>,
     /// The folder for the pictures; made if need be
     #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
-    /// Number of the scan whose section is drawn; without it one in the middle of the drive
-    #[arg(long, value_name = "N")]
+    /// Number of the scan (of the first log) whose section is drawn; without it one in the middle of the drive
+    #[arg(long, value_name = "N", conflicts_with = "station")]
     scan: Option<u32>,
+    /// The section nearest to this station of the first log, in metres
+    #[arg(long, value_name = "METRES")]
+    station: Option<f64>,
+    /// Scalable, in pixels, or both
+    #[arg(long, value_enum, default_value_t = Format::Svg)]
+    format: Format,
+    /// The truth of a simulated drive (CSV, see `crossfall simulate --truth`)
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
     /// For paper or for a screen
     #[arg(long, value_enum, default_value_t = Theme::Light)]
     theme: Theme,
+}
+
+/// Scalable, in pixels, or both.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    Svg,
+    Png,
+    Both,
 }
 
 /// For paper or for a screen.
@@ -51,68 +75,185 @@ impl From<Theme> for plot::Theme {
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     std::fs::create_dir_all(&args.output).with_context(|| args.output.display().to_string())?;
-    let mut rows = Rows::open(&args.log)?;
-    let all: Vec<Row> = rows.by_ref().collect();
-    anyhow::ensure!(!all.is_empty(), "{}: the log has no profile", args.log.display());
-    let number = args.scan.unwrap_or_else(|| typical(&all));
-    let pictures = [
-        slopes(&all, &[], args.theme.into(), &args.output)?,
-        one_section(&args.log, number, args.theme.into(), &args.output)?,
-    ];
-    for picture in pictures {
-        tell!("{}", picture.display());
+    let mut drives = Vec::new();
+    for log in &args.logs {
+        let progress = Progress::new("read", std::fs::metadata(log).map_or(0, |metadata| metadata.len()));
+        let drive = Drive::read(log, |offset| progress.at(offset))?;
+        anyhow::ensure!(!drive.scans.is_empty(), "{}: the log has no profile", log.display());
+        drives.push(drive);
     }
-    Ok(Outcome::lost_if(rows.damage() > 0))
+    let (first, log) = (&drives[0], &args.logs[0]);
+    let number = match args.station {
+        Some(station) => at_station(first, station).with_context(|| format!("{}: no station known", log.display()))?,
+        None => args.scan.unwrap_or_else(|| typical(first)),
+    };
+    let canvas = Canvas { folder: &args.output, format: args.format, theme: args.theme.into() };
+    let mut paths = slopes(&canvas, &drives, &names(&args.logs), &Default::default())?;
+    let found = one_section(&canvas, log, number, &mut paths)?;
+    let title = format!("Variation of the slope along the section of scan {number}");
+    paths.extend(canvas.write(&format!("variation-{number}"), &plot::variation(&found, &title, canvas.theme)?)?);
+    if drives.len() > 1 {
+        paths.extend(runs(&canvas, args, &drives, number, found)?);
+    }
+    if let Some(truth) = &args.truth {
+        let kinds = errors(first, truth)?;
+        let svg = plot::errors(&kinds, "Slopes against the truth, every scan", canvas.theme)?;
+        paths.extend(canvas.write("errors", &svg)?);
+    }
+    for path in paths {
+        tell!("{}", path.display());
+    }
+    Ok(Outcome::lost_if(drives.iter().any(|drive| drive.health.damage > 0)))
+}
+
+/// Where pictures go.
+pub struct Canvas<'a> {
+    pub folder: &'a Path,
+    pub format: Format,
+    pub theme: plot::Theme,
+}
+
+impl Canvas<'_> {
+    fn write(&self, name: &str, svg: &str) -> anyhow::Result<Vec<PathBuf>> {
+        let mut paths = Vec::new();
+        if self.format != Format::Png {
+            paths.push(self.folder.join(format!("{name}.svg")));
+            output::write(&self.folder.join(format!("{name}.svg")), svg.as_bytes())?;
+        }
+        if self.format != Format::Svg {
+            paths.push(self.folder.join(format!("{name}.png")));
+            output::write(&self.folder.join(format!("{name}.png")), &plot::png(svg)?)?;
+        }
+        Ok(paths)
+    }
+}
+
+/// Logs' names without what is common to all of them.
+fn names(logs: &[PathBuf]) -> Vec<String> {
+    let name = |log: &PathBuf| log.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let short = |name: String| name.trim_end_matches(".mcap").trim_end_matches(".log").to_owned();
+    logs.iter().map(|log| short(name(log))).collect()
 }
 
 /// The scan in the middle of those that have most to show.
-pub fn typical(rows: &[Row]) -> u32 {
-    let found = |row: &Row| u8::from(row.adjacent.is_some()) + u8::from(row.opposing.is_some());
-    let sections = rows.chunk_by(|a, b| a.scan == b.scan).map(|sides| (sides.iter().map(found).sum::<u8>(), sides));
-    let most = sections.clone().map(|(count, _)| count).max().unwrap_or_default();
-    let best: Vec<_> = sections.filter(|(count, _)| *count == most).filter_map(|(_, sides)| sides.first()).collect();
-    best.get(best.len() / 2).map_or(0, |row| row.scan)
+pub fn typical(drive: &Drive) -> u32 {
+    let found = |slopes: &[(f32, f32); 4]| slopes.iter().filter(|slope| slope.0.is_finite()).count();
+    let most = drive.scans.iter().map(|scan| found(&scan.slopes)).max().unwrap_or_default();
+    let best: Vec<_> = drive.scans.iter().filter(|scan| found(&scan.slopes) == most).collect();
+    best.get(best.len() / 2).map_or(0, |scan| scan.number)
 }
 
-/// Draws one section into a folder.
-pub fn one_section(log: &Path, number: u32, theme: plot::Theme, folder: &Path) -> anyhow::Result<PathBuf> {
+fn at_station(drive: &Drive, station_m: f64) -> Option<u32> {
+    let known = drive.scans.iter().filter(|scan| scan.station_m.is_finite());
+    let off = |scan: &&crossfall::drive::Scan| (scan.station_m - station_m).abs();
+    known.min_by(|a, b| off(a).total_cmp(&off(b))).map(|scan| scan.number)
+}
+
+/// Draws one section.
+pub fn one_section(canvas: &Canvas<'_>, log: &Path, number: u32, paths: &mut Vec<PathBuf>) -> anyhow::Result<Section> {
     let found = section::of_scan(log, number)?;
     let found = found.with_context(|| format!("{}: no profile of a scan {number}", log.display()))?;
     let roll = crossfall::profiles::degrees(found.profile.roll);
     let title = format!("Section of scan {number}, roll {roll:.2}\u{b0}").replace('-', "\u{2212}");
-    let path = folder.join(format!("section-{number}.svg"));
-    output::write(&path, plot::section(&found, &title, theme)?.as_bytes())?;
-    Ok(path)
+    paths.extend(canvas.write(&format!("section-{number}"), &plot::section(&found, &title, canvas.theme)?)?);
+    Ok(found)
 }
 
-/// One of a row's slopes.
-type SlopeOf = fn(&Row) -> Option<SlopeRow>;
-
 /// Truth of the four slopes: left adjacent and opposing, right adjacent and opposing.
-pub type Truth = [Vec<TruthAt>];
+pub type Truth = [Vec<TruthAt>; 4];
 
-/// Draws the slopes along the drive into a folder.
-pub fn slopes(rows: &[Row], truth: &Truth, theme: plot::Theme, folder: &Path) -> anyhow::Result<PathBuf> {
-    let panels: [(&str, bool, SlopeOf); 4] = [
-        ("left adjacent", true, |row| row.adjacent),
-        ("left opposing", true, |row| row.opposing),
-        ("right adjacent", false, |row| row.adjacent),
-        ("right opposing", false, |row| row.opposing),
-    ];
-    let start = rows.iter().find_map(|row| row.position.station_m).unwrap_or_default();
-    let series: Vec<Series> = panels
+/// Draws the slopes along the road, of several drives by where they were.
+pub fn slopes(canvas: &Canvas<'_>, drives: &[Drive], names: &[String], truth: &Truth) -> anyhow::Result<Vec<PathBuf>> {
+    let Some(first) = drives.first() else { return Ok(Vec::new()) };
+    let start = first.span_m().map_or(0.0, |span| span.0);
+    let mut series: Vec<Series> = SLOPES
         .iter()
-        .enumerate()
-        .map(|(i, (name, left, slope))| {
-            let measured = rows.iter().filter(|row| row.left == *left).filter_map(|row| {
-                let slope = slope(row)?;
-                Some((row.position.station_m? - start, slope.slope_deg, slope.ci95_deg.unwrap_or_default()))
-            });
-            let truth = truth.get(i).cloned().unwrap_or_default();
-            Series { name: (*name).to_owned(), measured: measured.collect(), truth }
-        })
+        .zip(truth)
+        .map(|(name, truth)| Series { name: (*name).to_owned(), drives: Vec::new(), truth: truth.clone() })
         .collect();
-    let path = folder.join("slopes.svg");
-    output::write(&path, plot::drive(&series, "Slopes along the drive", theme)?.as_bytes())?;
-    Ok(path)
+    let mut along = (drives.len() > 1).then(|| Along::new(first)).flatten();
+    for (number, drive) in drives.iter().enumerate() {
+        let places: Vec<Option<f64>> = drive
+            .scans
+            .iter()
+            .map(|scan| match (&mut along, number) {
+                (Some(along), 1..) => along.find(scan.place).map(|found| found.station_m),
+                _ => Some(scan.station_m).filter(|station| station.is_finite()),
+            })
+            .collect();
+        for (slope, series) in series.iter_mut().enumerate() {
+            let measured = drive.scans.iter().zip(&places).filter_map(|(scan, place)| {
+                let (value, ci95) = scan.slopes[slope];
+                let half = if ci95.is_finite() { f64::from(ci95) } else { 0.0 };
+                value.is_finite().then_some(((*place)? - start, f64::from(value), half))
+            });
+            let mut measured: Vec<_> = measured.collect();
+            measured.sort_by(|a, b| a.0.total_cmp(&b.0));
+            series.drives.push(measured);
+        }
+    }
+    canvas.write("slopes", &plot::drive(&series, names, "Slopes along the road", canvas.theme)?)
+}
+
+/// Draws the returns of all runs nearest to a scan of the first.
+fn runs(
+    canvas: &Canvas<'_>,
+    args: &Args,
+    drives: &[Drive],
+    number: u32,
+    found: Section,
+) -> anyhow::Result<Vec<PathBuf>> {
+    let names = names(&args.logs);
+    let place = drives[0].scans.iter().find(|scan| scan.number == number).map(|scan| scan.place);
+    let place = place.filter(|place| place[0].is_finite());
+    let place = place.with_context(|| format!("{}: scan {number} has no position", args.logs[0].display()))?;
+    let mut list = vec![(names[0].clone(), found)];
+    for ((drive, log), name) in drives.iter().zip(&args.logs).zip(&names).skip(1) {
+        let distance = |scan: &crossfall::drive::Scan| {
+            let [east, north] = crossfall::geodesy::between(place, scan.place);
+            east.hypot(north)
+        };
+        let known = drive.scans.iter().filter(|scan| scan.place[0].is_finite());
+        let nearest = known.min_by(|a, b| distance(a).total_cmp(&distance(b))).filter(|scan| distance(scan) < 30.0);
+        let Some(nearest) = nearest else {
+            tell!("{}: was not within 30 m of scan {number} of the first log", log.display());
+            continue;
+        };
+        let of = section::of_scan(log, nearest.number)?;
+        list.extend(of.map(|section| (format!("{name}, {:.1} m off", distance(nearest)), section)));
+    }
+    let title = format!("{} runs at one place", list.len());
+    canvas.write("runs", &plot::runs(&list, &title, canvas.theme)?)
+}
+
+/// Errors of the four slopes against a table of truth, joined by the scan's number.
+fn errors(drive: &Drive, truth: &Path) -> anyhow::Result<Vec<(String, Vec<f64>)>> {
+    const COLUMNS: [&str; 4] = ["adjacent_deg", "opposing_deg", "right_adjacent_deg", "right_opposing_deg"];
+    let mut table = csv::Reader::from_path(truth).with_context(|| truth.display().to_string())?;
+    let header = table.headers().with_context(|| truth.display().to_string())?.clone();
+    let column = |name: &str| {
+        let found = header.iter().position(|one| one == name);
+        found.with_context(|| format!("{}: has no column `{name}`", truth.display()))
+    };
+    let scan_column = column("scan")?;
+    let columns = COLUMNS.map(column).into_iter().collect::<Result<Vec<_>, _>>()?;
+    let mut kinds: Vec<(String, Vec<f64>)> = SLOPES.map(|name| (name.to_owned(), Vec::new())).into();
+    let mut scans = drive.scans.iter().peekable();
+    for (line, record) in table.records().enumerate() {
+        let record = record.with_context(|| truth.display().to_string())?;
+        let cell = |column: usize| {
+            let text = record.get(column).unwrap_or_default();
+            let number = text.parse::<f64>();
+            number.with_context(|| format!("{}: row {}: `{text}` is no number", truth.display(), line + 2))
+        };
+        let number = cell(scan_column)? as u32;
+        while scans.next_if(|scan| scan.number < number).is_some() {}
+        let Some(scan) = scans.peek().filter(|scan| scan.number == number) else { continue };
+        for ((slope, column), (_, errors)) in scan.slopes.iter().zip(&columns).zip(&mut kinds) {
+            if slope.0.is_finite() {
+                errors.push(f64::from(slope.0) - cell(*column)?);
+            }
+        }
+    }
+    Ok(kinds)
 }

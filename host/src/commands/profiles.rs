@@ -1,62 +1,203 @@
-//! `crossfall profiles`: the table of profiles, one row per scan and side.
+//! `crossfall profiles`: the table of profiles, one row per scan and side, or per stretch of road and side.
 //!
-//! Slopes in degrees, positive = rising outward; an empty cell = not found. Without -o, or with `-o -`, the table goes to stdout.
+//! Slopes in degrees, positive = rising outward; an empty cell = not found. Without -o, or with `-o -`, the table goes to stdout as CSV.
+//! Several logs, or a folder for them, make a data set: `road=NAME/date=YYYY-MM-DD/DRIVE.parquet`.
 
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use crossfall::output::Output;
-use crossfall::profiles::{Rows, write_csv};
+use anyhow::Context;
+use crossfall::dataset::{self, Stopped, Written};
+use crossfall::interrupt;
+use crossfall::intervals::{Every, Gather, Interval, MILE_M};
+use crossfall::profiles::Rows;
+use crossfall::table::Format;
 
-use super::{Outcome, distinct, tell};
+use super::progress::Progress;
+use super::{Outcome, distinct, say, say_json, tell};
 
-/// Write the table of profiles
+/// Write the table of profiles (CSV, Parquet, GeoJSON), of one drive or of many
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   crossfall profiles drive.log.mcap -o drive.csv
+  crossfall profiles drive.log.mcap --every 0.1mi -o drive.geojson
+  crossfall profiles drive.log.mcap --summary
+  crossfall profiles logs/*.log.mcap --road I-80 -o DATASET/
   crossfall profiles drive.log.mcap | head")]
 pub struct Args {
-    /// The log
-    log: PathBuf,
-    /// The table to write (CSV); `-` is stdout
+    /// The log, or several
+    #[arg(required = true)]
+    logs: Vec<PathBuf>,
+    /// The table to write, its format by its name (.csv, .parquet, .geojson); `-` is stdout; a folder, or a name that ends
+    /// in /, becomes a data set
     #[arg(short, long, value_name = "FILE", default_value = "-")]
     output: PathBuf,
+    /// One row for each stretch of this length: 1m, 10m, 100ft, 0.1mi
+    #[arg(long, value_name = "LENGTH")]
+    every: Option<Every>,
+    /// Name of the road in a data set; without it the name of each log's folder
+    #[arg(long, value_name = "NAME")]
+    road: Option<String>,
+    /// Print a summary for each mile instead of the table
+    #[arg(long, conflicts_with_all = ["output", "every"])]
+    summary: bool,
+    /// With --summary: for machines
+    #[arg(long, requires = "summary")]
+    json: bool,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    let mut rows = Rows::open(&args.log)?;
-    let stop = |_| ();
-    if args.output == Path::new("-") {
-        write_csv(&mut rows, io::stdout().lock(), stop).map_err(unwrapped)?;
-    } else {
-        // A name without an extension says nothing else.
-        let known = args.output.extension().is_none_or(|extension| extension.eq_ignore_ascii_case("csv"));
-        anyhow::ensure!(known, "{}: expected a name that ends in .csv", args.output.display());
-        distinct(&[&args.log], &args.output)?;
-        let mut output = Output::create(&args.output)?;
-        let count = write_csv(&mut rows, &mut output, stop)
-            .map_err(|error| unwrapped(error).context(args.output.display().to_string()))?;
-        output.commit()?;
-        tell!("{}: {count} rows", args.output.display());
+    let folder = args.output.is_dir() || args.output.as_os_str().to_string_lossy().ends_with('/');
+    match &*args.logs {
+        logs if folder => many(args, logs),
+        [log] if args.summary => summary(log, args.json),
+        [log] => one(args, log),
+        _ if args.summary => anyhow::bail!("--summary takes one log"),
+        _ => anyhow::bail!("{}: several logs need a folder to go to; end its name in /", args.output.display()),
     }
-    if rows.damage() > 0 {
+}
+
+fn one(args: &Args, log: &Path) -> anyhow::Result<Outcome> {
+    let written = if args.output == Path::new("-") {
+        let rows = Rows::open(log)?;
+        dataset::stream(rows, args.every, Format::Csv, io::stdout(), |_| ()).map_err(plain)?.1
+    } else {
+        let format = Format::of(&args.output);
+        let format = format.with_context(|| {
+            format!("{}: expected a name that ends in .csv, .parquet or .geojson", args.output.display())
+        })?;
+        distinct(&[log], &args.output)?;
+        let progress = Progress::new("profiles", size(log));
+        let written = dataset::write(log, args.every, format, &args.output, |at| progress.at(at))?;
+        drop(progress);
+        tell!("{}: {} rows", args.output.display(), written.rows.unwrap_or_default());
+        written
+    };
+    Ok(Outcome::lost_if(losses(log, &written)))
+}
+
+fn many(args: &Args, logs: &[PathBuf]) -> anyhow::Result<Outcome> {
+    let read: Vec<AtomicU64> = logs.iter().map(|_| AtomicU64::new(0)).collect();
+    let (lost, failed) = (AtomicBool::new(false), AtomicBool::new(false));
+    let progress = Progress::new("profiles", logs.iter().map(|log| size(log)).sum());
+    let advance = |number: usize, at: u64| {
+        read[number].store(at, Ordering::Relaxed);
+        progress.at(read.iter().map(|at| at.load(Ordering::Relaxed)).sum());
+    };
+    let done = |number: usize, outcome: Result<Written, dataset::Error>| {
+        advance(number, size(&logs[number]));
+        progress.aside(|| match outcome {
+            Ok(written) => {
+                match written.rows {
+                    Some(rows) => tell!("{}: {rows} rows", written.path.display()),
+                    None => tell!("{}: is there and newer than its log", written.path.display()),
+                }
+                if losses(&logs[number], &written) {
+                    lost.store(true, Ordering::Relaxed);
+                }
+            }
+            Err(error) => {
+                tell!("{error}");
+                failed.store(true, Ordering::Relaxed);
+            }
+        });
+    };
+    dataset::take_in(logs, args.road.as_deref(), args.every, &args.output, advance, done)?;
+    drop(progress);
+    anyhow::ensure!(!interrupt::requested(), "interrupted; the same command goes on where this one was");
+    anyhow::ensure!(!failed.into_inner(), "some logs could not be taken in; the others are");
+    Ok(Outcome::lost_if(lost.into_inner()))
+}
+
+/// Tells what was passed over; true when data was lost.
+fn losses(log: &Path, written: &Written) -> bool {
+    if written.unplaced > 0 {
+        tell!("{}: {} rows without a station belong to no stretch and are left out", log.display(), written.unplaced);
+    }
+    if written.damage > 0 {
         tell!(
             "{}: {} damaged, broken or missing parts passed over; see `crossfall verify`",
-            args.log.display(),
-            rows.damage()
+            log.display(),
+            written.damage
         );
     }
-    Ok(Outcome::lost_if(rows.damage() > 0))
+    written.damage > 0
+}
+
+fn size(path: &Path) -> u64 {
+    std::fs::metadata(path).map_or(0, |metadata| metadata.len())
 }
 
 /// The error within the table writer's: a closed pipe must be known as one.
-fn unwrapped(error: csv::Error) -> anyhow::Error {
-    if !error.is_io_error() {
-        return error.into();
+fn plain(error: Stopped) -> anyhow::Error {
+    match error {
+        Stopped::Table(error) => error.into_io().into(),
+        Stopped::Interrupted => error.into(),
     }
-    match error.into_kind() {
-        csv::ErrorKind::Io(error) => error.into(),
-        other => anyhow::anyhow!("{other:?}"),
+}
+
+fn summary(log: &Path, json: bool) -> anyhow::Result<Outcome> {
+    let mut rows = Rows::open(log)?;
+    let progress = Progress::new("summary", size(log));
+    let mut gather = Gather::new(Every { metres: MILE_M });
+    let mut miles: Vec<Interval> = Vec::new();
+    while let Some(row) = rows.next() {
+        miles.extend(gather.row(&row));
+        if row.scan.is_multiple_of(4_096) {
+            progress.at(rows.offset());
+        }
     }
+    miles.extend(gather.finish());
+    drop(progress);
+    miles.sort_by(|a, b| a.from_m.total_cmp(&b.from_m).then(b.left.cmp(&a.left)));
+    if json {
+        let miles: Vec<_> = miles.iter().map(as_json).collect();
+        say_json(&serde_json::json!({ "miles": miles, "unplaced": gather.unplaced(), "damage": rows.damage() }))?;
+    } else {
+        say(&as_text(&miles))?;
+    }
+    let written = Written { path: PathBuf::new(), rows: None, damage: rows.damage(), unplaced: gather.unplaced() };
+    Ok(Outcome::lost_if(losses(log, &written)))
+}
+
+fn as_json(mile: &Interval) -> serde_json::Value {
+    let slope = |slope: Option<crossfall::intervals::SlopeOver>| {
+        slope.map(|s| {
+            let over = s.slope_deg;
+            serde_json::json!({ "slope_deg": over.value, "ci95_deg": over.ci95, "sd_deg": over.sd, "scans": over.count })
+        })
+    };
+    serde_json::json!({
+        "mile": (mile.from_m / MILE_M).round() as i64,
+        "side": if mile.left { "left" } else { "right" },
+        "scans": mile.scans,
+        "adjacent": slope(mile.adjacent),
+        "opposing": slope(mile.opposing),
+    })
+}
+
+/// One line a mile and side: as many data points as there are slopes, and what they say.
+fn as_text(miles: &[Interval]) -> String {
+    let mut text = format!(
+        "{:>5} {:<6}{:>8}{:>20}{:>7}{:>9}{:>20}{:>7}{:>9}",
+        "mile", "side", "scans", "adjacent", "sd", "points", "opposing", "sd", "points"
+    );
+    for mile in miles {
+        let side = if mile.left { "left" } else { "right" };
+        text += &format!("\n{:>5.0} {side:<6}{:>8}", mile.from_m / MILE_M, mile.scans);
+        for slope in [mile.adjacent, mile.opposing] {
+            text += &match slope.map(|slope| slope.slope_deg) {
+                Some(over) => format!(
+                    "{:>20}{:>6.2}\u{b0}{:>9}",
+                    format!("{:.2}\u{b0} \u{b1} {:.2}\u{b0}", over.value, over.ci95),
+                    over.sd,
+                    over.count
+                ),
+                None => format!("{:>20}{:>7}{:>9}", "-", "-", 0),
+            };
+        }
+    }
+    text
 }

@@ -2,13 +2,16 @@
 //!
 //! Every frame is logged as it is received, with the time of its receipt. A board that is unplugged or restarts is waited for, and the
 //! recording goes on in the same log. Connecting does not restart the survey; the board is only asked who it is and how it is configured.
-//! Ctrl-C and SIGTERM end the recording with a whole log; a power cut costs at most its last second.
+//! Ctrl-C, SIGTERM and a terminal that is closed end the recording with a whole log; a power cut costs at most its last second. A file that grows too
+//! large or too long is followed by another (`drive.log.part0002.mcap`). When the disk runs out of room, that is told long before, and
+//! the recording ends, with a whole log, while there is some left.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use crossfall::log;
+use crossfall::record::space::{Space, Watch};
 use crossfall::record::{self, Device, Summary};
 
 use super::progress::Progress;
@@ -35,6 +38,18 @@ pub struct Args {
     /// Stop after so many seconds
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     seconds: Option<u64>,
+    /// Begin another file when one has this size (500MB, 2GiB)
+    #[arg(long, value_name = "SIZE", default_value = "2GiB", value_parser = size)]
+    rotate_size: u64,
+    /// Begin another file after so many minutes
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    rotate_minutes: Option<u64>,
+    /// End the recording when less than this is free on the disk
+    #[arg(long, value_name = "SIZE", default_value = "64MiB", value_parser = size)]
+    min_free: u64,
+    /// Pack the log with zstd: a third smaller, but a damaged chunk is lost as a whole
+    #[arg(long)]
+    compress: bool,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
@@ -42,7 +57,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     // Before the board is disturbed; `create_live` makes sure of it.
     anyhow::ensure!(!args.output.exists(), "{output}: exists, and a recording is never written over");
     let port = args.device.connect().with_context(|| format!("{}: cannot connect", args.device))?;
-    let mut log = log::Writer::create_live(&args.output)?;
+    let max_ns = args.rotate_minutes.map_or(u64::MAX, |minutes| minutes * 60_000_000_000);
+    let options = log::Options { max_bytes: args.rotate_size, max_ns, compress: args.compress };
+    let mut log = log::Writer::create_with(&args.output, options)?;
+    let mut watch = Watch::new(&args.output, args.min_free);
+    let mut full = None;
     let progress = Progress::spinner();
     let mut shown = Instant::now();
     let recorded = record::record(
@@ -55,12 +74,44 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 shown = Instant::now();
                 progress.say(|| line(summary));
             }
+            match watch.look(summary.log_bytes, summary.seconds) {
+                None => {}
+                Some(Space::Low { minutes }) => {
+                    progress.aside(|| tell!("{output}: the disk has room for {minutes} minutes more"));
+                }
+                Some(Space::Full { free }) => full = Some(free),
+            }
+            if full.is_some() {
+                return false;
+            }
             !crossfall::interrupt::requested() && args.seconds.is_none_or(|limit| summary.seconds < limit as f64)
         },
-    )?;
-    log.finish()?;
+    );
+    let parts = log.parts();
+    let ended = recorded.map_err(anyhow::Error::from).and_then(|recorded| {
+        log.finish()?;
+        Ok(recorded)
+    });
     drop(progress);
+    let recorded = match ended {
+        Ok(recorded) => recorded,
+        Err(error) => {
+            tell!(
+                "{output}: what was written before is there: `crossfall recover {output} -o FILE` tells what is lost"
+            );
+            return Err(error);
+        }
+    };
     tell!("{output}: {}", line(&recorded));
+    if parts > 1 {
+        tell!("{parts} files; `crossfall verify` and `recover` take them all, in their order");
+    }
+    if let Some(free) = full {
+        tell!(
+            "ended because the disk is full: {:.1} MB are left free; what the board sends now is not recorded",
+            free as f64 / 1e6
+        );
+    }
     if recorded.frames == 0 {
         tell!("no frame came: is the board powered, and is the baud rate right?");
     }
@@ -76,7 +127,25 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     for (name, count) in crossfall::info::losses(&recorded.status) {
         tell!("lost on the board since it booted: {name} = {count}");
     }
-    Ok(Outcome::lost_if(recorded.lost()))
+    Ok(Outcome::lost_if(recorded.lost() || full.is_some()))
+}
+
+/// `500MB`, `2GiB`, `1000000`.
+fn size(text: &str) -> Result<u64, String> {
+    let digits = text.find(|c: char| !c.is_ascii_digit()).unwrap_or(text.len());
+    let (number, unit) = text.split_at(digits);
+    let unit: u64 = match unit {
+        "" | "B" => 1,
+        "kB" => 1_000,
+        "MB" => 1_000_000,
+        "GB" => 1_000_000_000,
+        "KiB" => 1 << 10,
+        "MiB" => 1 << 20,
+        "GiB" => 1 << 30,
+        _ => return Err("expected a whole number with B, kB, MB, GB, KiB, MiB or GiB".to_owned()),
+    };
+    let size = number.parse::<u64>().ok().and_then(|number| number.checked_mul(unit));
+    size.ok_or_else(|| "expected a whole number with B, kB, MB, GB, KiB, MiB or GiB".to_owned())
 }
 
 /// A recording in one line.

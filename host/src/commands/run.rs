@@ -6,6 +6,7 @@
 use std::path::PathBuf;
 
 use crossfall::capture::{Channel, Reader};
+use crossfall::faults::{Faulty, Spec};
 use crossfall::log;
 
 use super::progress::Progress;
@@ -16,7 +17,8 @@ use super::{Outcome, distinct, tell};
 #[command(after_help = "\
 Examples:
   crossfall run drive.mcap -o drive.log.mcap
-  crossfall run drive.mcap --config my.toml -o drive.log.mcap")]
+  crossfall run drive.mcap --config my.toml -o drive.log.mcap
+  crossfall run drive.mcap --faults flip=1e-5,burst=1e-6:200,seed=7 -o faulty.log.mcap")]
 pub struct Args {
     /// The capture
     capture: PathBuf,
@@ -26,6 +28,9 @@ pub struct Args {
     /// A configuration (TOML, see `crossfall config`)
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
+    /// Faults of the sensor lines on the way, such as flip=1e-5,drop=1e-5 or lidar:burst=1e-6:200;pps:drop=0.1
+    #[arg(long, value_name = "SPEC")]
+    faults: Option<Spec>,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
@@ -45,7 +50,20 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let (first, last) = capture.span_ns().unwrap_or_default();
     let mut log = log::Writer::create(&args.output)?;
     let progress = Progress::new("run", last.saturating_sub(first));
-    let ran = crossfall::run::run(&mut capture, &config, &mut log, |now| progress.at(now.saturating_sub(first)))?;
+    let at = |now: u64| progress.at(now.saturating_sub(first));
+    let ran = match &args.faults {
+        None => crossfall::run::run(&mut capture, &config, &mut log, at)?,
+        Some(spec) => {
+            let mut faulty = Faulty::new(capture.by_ref(), spec);
+            let ran = crossfall::run::run_over(faulty.by_ref(), first, &config, &mut log, at)?;
+            // A log of faults made on purpose says so.
+            log.metadata("faults", [("spec".to_owned(), spec.to_string())].into())?;
+            for (line, counts) in faulty.counts() {
+                tell!("faults on {}: {counts}", line.topic());
+            }
+            ran
+        }
+    };
     drop(progress);
     anyhow::ensure!(!ran.interrupted && !crossfall::interrupt::requested(), "interrupted, nothing was written");
     log.finish()?;

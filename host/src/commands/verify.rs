@@ -1,7 +1,8 @@
 //! `crossfall verify`: proves a log.
 //!
 //! Frames whole and none missing, time going forward, the clock plausible, every profile recomputed bit for bit from the scans, poses and
-//! pulses of the log itself. What is wrong is told with the number of the frame and the offset in the file.
+//! pulses of the log itself. What is wrong is told with the number of the frame and the offset in the file. Files of one recording, given in their
+//! order, are verified as the one stream that they are.
 
 use std::fs;
 use std::path::PathBuf;
@@ -14,26 +15,32 @@ use super::{Outcome, say, say_json, tell};
 #[command(after_help = "\
 Examples:
   crossfall verify drive.log.mcap
-  crossfall verify drive.log.mcap --json")]
+  crossfall verify drive.log.mcap --json
+  crossfall verify drive.log.mcap drive.log.part*.mcap")]
 pub struct Args {
-    /// The log
-    log: PathBuf,
+    /// The log, or the files of one recording in their order
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
     /// Print the verdict for machines
     #[arg(long)]
     json: bool,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    let size = fs::metadata(&args.log).map_or(0, |metadata| metadata.len());
-    let progress = Progress::new("verify", size);
-    let report = crossfall::verify::verify(&args.log, |offset| progress.at(offset))?;
+    let Some((first, others)) = args.logs.split_first() else { anyhow::bail!("no log to verify") };
+    let sizes: Vec<u64> = args.logs.iter().map(|log| fs::metadata(log).map_or(0, |metadata| metadata.len())).collect();
+    let progress = Progress::new("verify", sizes.iter().sum());
+    let report = crossfall::verify::verify_all(first, others, |file, offset| {
+        progress.at(sizes[..file].iter().sum::<u64>() + offset);
+    })?;
     drop(progress);
     if args.json {
         say_json(&report)?;
         return Ok(Outcome::lost_if(!report.ok));
     }
     for problem in &report.problems {
-        tell!("frame {} at byte {}: {}", problem.frame, problem.offset, problem.what);
+        let file = problem.file.as_ref().map_or(String::new(), |file| format!("{}: ", file.display()));
+        tell!("{file}frame {} at byte {}: {}", problem.frame, problem.offset, problem.what);
     }
     let untold = report.problem_count.saturating_sub(report.problems.len() as u64);
     if untold > 0 {

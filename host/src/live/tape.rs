@@ -325,6 +325,16 @@ impl Tape for LiveTape {
         Ok(())
     }
 
+    fn extent(&self) -> (u64, u32) {
+        match &self.step {
+            Step::Idle => (0, 0),
+            Step::Clearing { log, .. }
+            | Step::Greeting { log, .. }
+            | Step::Recording { log }
+            | Step::Ending { log, .. } => (log.bytes(), log.parts()),
+        }
+    }
+
     fn settle(&mut self, now_ns: u64) -> Result<(), output::Error> {
         while let Ok(order) = self.orders.try_recv() {
             self.obey(order);

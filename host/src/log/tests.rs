@@ -1,4 +1,10 @@
+use std::collections::BTreeMap;
 use std::fs;
+use std::path::Path;
+
+use crossfall_core::protocol::DeviceTime;
+use crossfall_core::protocol::frame::{MAX_MESSAGE_FRAME, Sequencer};
+use crossfall_core::protocol::message::{Message, Pulse, PulseVerdict};
 
 use super::*;
 
@@ -116,4 +122,117 @@ fn a_live_log_replaces_nothing() {
     fs::write(&path, b"last year's drive").unwrap();
     assert!(Writer::create_live(&path).is_err());
     assert_eq!(fs::read(&path).unwrap(), b"last year's drive");
+}
+
+/// Good frames 27 ms apart, as a closed log.
+fn good(path: &Path, count: u64, options: Options) -> Vec<(u64, Vec<u8>)> {
+    let mut sequencer = Sequencer::new();
+    let mut writer = Writer::create_with(path, options).unwrap();
+    let identity = BTreeMap::from([("firmware".to_owned(), "crossfall 0.1.0".to_owned())]);
+    writer.metadata(metadata::IDENTITY, identity).unwrap();
+    let frames: Vec<_> = (0..count)
+        .map(|i| {
+            let mut out = [0; MAX_MESSAGE_FRAME];
+            let pulse = Pulse { time: DeviceTime(i * 1_000_003), verdict: PulseVerdict::Accepted };
+            let length = sequencer.message(&Message::Pulse(pulse), &mut out).unwrap();
+            (1_790_000_000_000_000_000 + i * 27_000_000, out[..length].to_vec())
+        })
+        .collect();
+    for (time, bytes) in &frames {
+        writer.frame(*time, bytes).unwrap();
+    }
+    writer.finish().unwrap();
+    frames
+}
+
+/// The strongest promise: any bit, anywhere before the summary. All frames but the one that was hit are read, with their times but for at most one, and it is told.
+#[test]
+fn any_flipped_bit_of_a_closed_log_costs_at_most_one_frame_and_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let written = good(&path, 60, Options::default());
+    let whole = fs::read(&path).unwrap();
+    let (clean, errors) = read(&path);
+    assert!(errors.is_empty() && clean == written, "{errors:?}");
+    let last = &written.last().unwrap().1;
+    let end = whole.windows(last.len()).rposition(|window| window == last).unwrap() + last.len();
+    let hit = folder.path().join("hit.mcap");
+    for at in mcap::MAGIC.len()..end {
+        // Every bit of the first chunks, one bit of each byte behind.
+        let bits = if at < 600 { 0..8 } else { at % 8..at % 8 + 1 };
+        for bit in bits {
+            let mut bytes = whole.clone();
+            bytes[at] ^= 1 << bit;
+            fs::write(&hit, &bytes).unwrap();
+            let (frames, errors) = read(&hit);
+            assert!(!errors.is_empty(), "bit {bit} of byte {at} is not told");
+            let whole_ones = frames.iter().filter(|frame| written.contains(frame)).count();
+            let bytes_right =
+                written.iter().filter(|(_, bytes)| frames.iter().any(|(_, found)| found == bytes)).count();
+            assert!(bytes_right + 1 >= written.len(), "bit {bit} of byte {at}: {bytes_right} frames, {errors:?}");
+            assert!(whole_ones + 1 >= written.len(), "bit {bit} of byte {at}: {whole_ones} with their times");
+            assert!(frames.len() <= written.len(), "bit {bit} of byte {at}: {} frames", frames.len());
+        }
+    }
+}
+
+#[test]
+fn a_packed_log_reads_the_same_and_is_smaller() {
+    let folder = tempfile::tempdir().unwrap();
+    let (plain, packed) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
+    let written = good(&plain, 400, Options::default());
+    good(&packed, 400, Options { compress: true, ..Options::default() });
+    assert_eq!(read(&packed).0, written);
+    let size = |path: &Path| fs::metadata(path).unwrap().len();
+    assert!(size(&packed) < size(&plain));
+}
+
+#[test]
+fn a_full_file_is_followed_by_another_that_says_who_sends() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("drive.log.mcap");
+    let taken = folder.path().join("drive.log.part0003.mcap");
+    fs::write(&taken, b"somebody's").unwrap();
+    let options = Options { max_bytes: 3_000, ..Options::default() };
+    let written = good(&path, 300, options);
+    assert_eq!(fs::read(&taken).unwrap(), b"somebody's");
+    let names =
+        ["drive.log.mcap", "drive.log.part0002.mcap", "drive.log.part0004.mcap"].map(|name| folder.path().join(name));
+    let mut all = Vec::new();
+    for (i, name) in names.iter().enumerate() {
+        let reader = Reader::open(name).unwrap();
+        assert_eq!(reader.metadata()[metadata::IDENTITY]["firmware"], "crossfall 0.1.0");
+        if i == 1 {
+            assert_eq!(reader.metadata()[metadata::PART]["before"], "drive.log.mcap");
+        }
+        all.extend(reader.map(Result::unwrap).map(|frame| (frame.receive_ns, frame.bytes)));
+    }
+    assert!(all.len() < written.len() && all[..] == written[..all.len()], "more files follow");
+}
+
+#[test]
+fn two_writers_never_have_one_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let made = std::thread::scope(|scope| {
+        let writers: Vec<_> = (0..8).map(|_| scope.spawn(|| Writer::create_live(&path).is_ok())).collect();
+        writers.into_iter().filter(|_| true).map(|writer| writer.join().unwrap()).filter(|made| *made).count()
+    });
+    assert_eq!(made, 1);
+}
+
+/// What replaces files must not take the name of one that grows.
+#[cfg(unix)]
+#[test]
+fn a_recording_under_way_is_not_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let mut live = Writer::create_live(&path).unwrap();
+    assert!(is_being_written(&path));
+    let error = Writer::create(&path).err().expect("refused").to_string();
+    assert!(error.ends_with("a recording is being written to it"), "{error}");
+    live.frame(1, &[1, 0]).unwrap();
+    live.finish().unwrap();
+    assert!(!is_being_written(&path));
+    Writer::create(&path).unwrap().finish().unwrap();
 }

@@ -1,19 +1,26 @@
-//! The slopes along a drive, with their intervals and, where it is known, the truth.
+//! The slopes along a road, of one drive with intervals and truth or of several over each other.
+//!
+//! What is drawn is what a screen can show: scans are gathered into places two pixels wide, each with its robust mean, its interval and the spread of
+//! its scans. A picture is 150 kB at most, however long the drive.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
 use super::{Error, Palette, Theme, text};
+use crate::intervals::{Estimate, Samples};
 
 const SIZE: (u32, u32) = (1200, 900);
 
-/// One slope along the drive.
+/// Places along the picture.
+const PLACES: f64 = 540.0;
+
+/// One slope along the road.
 #[derive(Clone, Debug, Default)]
 pub struct Series {
     /// What it is, for example `left adjacent slope`.
     pub name: String,
-    /// Place along the road in metres, slope in degrees, half width of the 95 % interval in degrees.
-    pub measured: Vec<(f64, f64, f64)>,
+    /// Each drive's: place along the road in metres, slope in degrees, half width of the 95 % interval in degrees.
+    pub drives: Vec<Vec<(f64, f64, f64)>>,
     /// The truth, in the order of the road.
     pub truth: Vec<TruthAt>,
 }
@@ -21,35 +28,59 @@ pub struct Series {
 /// Place along the road in metres, slope in degrees.
 pub type TruthAt = (f64, f64);
 
-/// Draws slopes along a drive as SVG, one panel each.
+/// Draws slopes along a road as SVG, one panel each.
+///
+/// `names` are those of the drives, told where there are several.
 ///
 /// # Errors
 /// When the drawing library fails.
-pub fn drive(series: &[Series], title: &str, theme: Theme) -> Result<String, Error> {
+pub fn drive(series: &[Series], names: &[String], title: &str, theme: Theme) -> Result<String, Error> {
     let mut svg = String::new();
     let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
     let colours = theme.palette();
     area.fill(&colours.ground)?;
     area.draw(&Text::new(title.to_owned(), (24, 18), text(24, colours.text)))?;
-    legend(&area, &colours, series.iter().any(|series| !series.truth.is_empty()))?;
+    let places =
+        || series.iter().flat_map(|s| s.drives.iter().flatten().map(|m| m.0).chain(s.truth.iter().map(|t| t.0)));
+    let (from, to) = span(places(), 1.0, 0.0);
+    let width = (to - from) / PLACES;
+    legend(&area, &colours, names, width, series.iter().any(|series| !series.truth.is_empty()))?;
     let panels = area.margin(76, 8, 12, 30).split_evenly((series.len().max(1), 1));
     for (i, (panel, series)) in panels.iter().zip(series).enumerate() {
-        draw(panel, series, &colours, i + 1 == panels.len())?;
+        draw(panel, series, &colours, (from, to), i + 1 == panels.len())?;
     }
     area.present()?;
     drop((area, panels));
     Ok(svg)
 }
 
-fn legend(area: &DrawingArea<SVGBackend<'_>, Shift>, colours: &Palette, truth: bool) -> Result<(), Error> {
+fn legend(
+    area: &DrawingArea<SVGBackend<'_>, Shift>,
+    colours: &Palette,
+    names: &[String],
+    width_m: f64,
+    truth: bool,
+) -> Result<(), Error> {
     let y = 56;
-    area.draw(&Circle::new((34, y), 3, colours.points.filled()))?;
-    area.draw(&Text::new("measured, one scan each", (46, y - 6), text(16, colours.text)))?;
-    area.draw(&Rectangle::new([(250, y - 7), (274, y + 7)], colours.points.mix(0.3).filled()))?;
+    if names.len() > 1 {
+        let mut x = 34;
+        for (name, colour) in names.iter().zip(colours.several()) {
+            area.draw(&PathElement::new([(x, y), (x + 24, y)], colour.stroke_width(3)))?;
+            area.draw(&Text::new(name.clone(), (x + 32, y - 6), text(16, colours.text)))?;
+            x += 60 + 9 * name.chars().count() as i32;
+        }
+        return Ok(());
+    }
+    let each = if width_m >= 9.5 { format!("{width_m:.0} m") } else { format!("{width_m:.1} m") };
+    area.draw(&PathElement::new([(34, y), (58, y)], colours.points.stroke_width(2)))?;
+    area.draw(&Text::new(format!("mean of each {each}"), (66, y - 6), text(16, colours.text)))?;
+    area.draw(&Rectangle::new([(250, y - 7), (274, y + 7)], colours.points.mix(0.45).filled()))?;
     area.draw(&Text::new("95 % interval", (282, y - 6), text(16, colours.text)))?;
+    area.draw(&Rectangle::new([(410, y - 7), (434, y + 7)], colours.points.mix(0.16).filled()))?;
+    area.draw(&Text::new("two standard deviations of scans", (442, y - 6), text(16, colours.text)))?;
     if truth {
-        area.draw(&PathElement::new([(410, y), (434, y)], truth_style(colours)))?;
-        area.draw(&Text::new("truth", (442, y - 6), text(16, colours.text)))?;
+        area.draw(&PathElement::new([(730, y), (754, y)], truth_style(colours)))?;
+        area.draw(&Text::new("truth", (762, y - 6), text(16, colours.text)))?;
     }
     Ok(())
 }
@@ -58,12 +89,14 @@ fn draw(
     panel: &DrawingArea<SVGBackend<'_>, Shift>,
     series: &Series,
     colours: &Palette,
+    (from, to): (f64, f64),
     last: bool,
 ) -> Result<(), Error> {
-    let places = series.measured.iter().map(|m| m.0).chain(series.truth.iter().map(|t| t.0));
-    let (from, to) = span(places, 1.0, 0.0);
+    let gathered: Vec<Vec<(f64, Estimate)>> =
+        series.drives.iter().map(|drive| gather(drive, from, (to - from) / PLACES)).collect();
     // The scale follows the bulk of the slopes: one stray interval must not flatten the rest.
-    let mut slopes: Vec<f64> = series.measured.iter().map(|m| m.1).chain(series.truth.iter().map(|t| t.1)).collect();
+    let mut slopes: Vec<f64> =
+        gathered.iter().flatten().map(|m| m.1.value).chain(series.truth.iter().map(|t| t.1)).collect();
     slopes.sort_by(f64::total_cmp);
     let trimmed = slopes.len() / 200;
     let bulk = slopes.get(trimmed..slopes.len() - trimmed).unwrap_or(&slopes);
@@ -90,27 +123,64 @@ fn draw(
         mesh.x_labels(12).x_label_formatter(&|_| String::new());
     }
     mesh.draw()?;
-    // Wide and underneath: the points lie on it, or visibly do not.
+    // Wide and underneath: the measurement lies on it, or visibly does not.
     if !series.truth.is_empty() {
-        let line = series.truth.iter().map(|&(x, slope)| (x, slope.clamp(low, high)));
+        let apart = (to - from) / PLACES;
+        let mut next = f64::MIN;
+        let shown = series.truth.iter().filter(|(x, _)| {
+            let due = *x >= next;
+            next = if due { x + apart } else { next };
+            due
+        });
+        let line = shown.map(|&(x, slope)| (x, slope.clamp(low, high)));
         chart.draw_series(LineSeries::new(line, truth_style(colours)))?;
     }
-    for stretch in stretches(&series.measured) {
-        let upper = stretch.iter().map(|&(x, slope, half)| (x, (slope + half).clamp(low, high)));
-        let lower = stretch.iter().rev().map(|&(x, slope, half)| (x, (slope - half).clamp(low, high)));
-        chart.draw_series([Polygon::new(upper.chain(lower).collect::<Vec<_>>(), colours.points.mix(0.3).filled())])?;
+    let several = gathered.len() > 1;
+    for (drive, colour) in gathered.iter().zip(colours.several()) {
+        for stretch in stretches(drive, (to - from) / PLACES) {
+            if !several {
+                for (half, share) in [(spread as fn(&Estimate) -> f64, 0.16), (interval, 0.45)] {
+                    let upper = stretch.iter().map(|(x, one)| (*x, (one.value + half(one)).clamp(low, high)));
+                    let lower = stretch.iter().rev().map(|(x, one)| (*x, (one.value - half(one)).clamp(low, high)));
+                    let band = Polygon::new(upper.chain(lower).collect::<Vec<_>>(), colour.mix(share).filled());
+                    chart.draw_series([band])?;
+                }
+            }
+            let line = stretch.iter().map(|(x, one)| (*x, one.value.clamp(low, high)));
+            chart.draw_series(LineSeries::new(line, colour.stroke_width(2)))?;
+        }
     }
-    let inside = series.measured.iter().filter(|m| (low..=high).contains(&m.1));
-    chart.draw_series(inside.map(|&(x, slope, _)| Circle::new((x, slope), 1, colours.points.filled())))?;
     Ok(())
 }
 
+fn spread(one: &Estimate) -> f64 {
+    2.0 * one.sd
+}
+
+fn interval(one: &Estimate) -> f64 {
+    one.ci95
+}
+
+/// Gathers slopes into places of a width.
+fn gather(measured: &[(f64, f64, f64)], from: f64, width: f64) -> Vec<(f64, Estimate)> {
+    let number = |x: f64| ((x - from) / width).floor();
+    measured
+        .chunk_by(|a, b| number(a.0) == number(b.0))
+        .filter_map(|place| {
+            let mut samples = Samples::default();
+            place.iter().for_each(|&(_, slope, half)| samples.push((slope, half / 1.96)));
+            let middle = place.iter().map(|one| one.0).sum::<f64>() / place.len() as f64;
+            Some((middle, samples.estimate()?))
+        })
+        .collect()
+}
+
 fn truth_style(colours: &Palette) -> ShapeStyle {
-    colours.adjacent.mix(0.45).stroke_width(6)
+    colours.adjacent.mix(0.55).stroke_width(6)
 }
 
 /// The least and greatest of some values, at least `least` apart, with a share of room around.
-fn span(values: impl Iterator<Item = f64>, least: f64, room: f64) -> (f64, f64) {
+pub(super) fn span(values: impl Iterator<Item = f64>, least: f64, room: f64) -> (f64, f64) {
     let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)));
     if low > high {
         return (0.0, least);
@@ -120,7 +190,8 @@ fn span(values: impl Iterator<Item = f64>, least: f64, room: f64) -> (f64, f64) 
     (low - missing - around, high + missing + around)
 }
 
-/// Runs of measurements without a gap of more than five metres, which no band may bridge.
-fn stretches(measured: &[(f64, f64, f64)]) -> impl Iterator<Item = &[(f64, f64, f64)]> {
-    measured.chunk_by(|a, b| b.0 - a.0 < 5.0).filter(|stretch| stretch.len() > 1)
+/// Runs of places without a gap of more than five metres or three places, which no band may bridge.
+fn stretches(places: &[(f64, Estimate)], width: f64) -> impl Iterator<Item = &[(f64, Estimate)]> {
+    let gap = (3.0 * width).max(5.0);
+    places.chunk_by(move |a, b| (b.0 - a.0).abs() < gap).filter(|stretch| stretch.len() > 1)
 }

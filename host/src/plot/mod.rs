@@ -1,17 +1,30 @@
-//! Pictures, as SVG: they scale, and text in them stays text.
+//! Pictures, as SVG: they scale, and text in them stays text. [`png`] renders them for programs that want pixels.
 //!
 //! The drawing library is known in this folder only. Colours are Okabe and Ito's, which colour-blind readers can tell apart; what
 //! matters is told by shape or label as well.
 
+mod agreement;
+mod axes;
+mod course;
 mod drive;
+mod layers;
+mod more;
+mod raster;
 mod section;
+mod variation;
 
 use plotters::prelude::*;
 use plotters::style::text_anchor::Pos;
 use plotters::style::{RGBColor, TextStyle};
 
+pub use agreement::{Twice, Words, agreement};
+pub use course::{Course, Courses, courses};
 pub use drive::{Series, TruthAt, drive};
+pub use layers::layers;
+pub use more::{errors, runs, variation};
+pub use raster::png;
 pub use section::section;
+pub use variation::{Across, across};
 
 /// A picture could not be drawn.
 #[derive(Debug, thiserror::Error)]
@@ -45,6 +58,13 @@ struct Palette {
     road: RGBColor,
     adjacent: RGBColor,
     opposing: RGBColor,
+}
+
+impl Palette {
+    /// Colours to tell drives apart.
+    fn several(&self) -> impl Iterator<Item = RGBColor> {
+        [self.points, self.adjacent, self.opposing, self.road, self.faint].into_iter().cycle()
+    }
 }
 
 impl Theme {

@@ -2,14 +2,12 @@
 //!
 //! Seen from behind, so that the vehicle's left is on the left.
 
-use crossfall_core::protocol::message::{Side, Slope};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::{Error, Palette, Theme, signed, text};
-use crate::profiles::degrees;
-use crate::section::{Place, Section};
+use crate::section::{Fitted, Part, Place, Section};
 
 const SIZE: (u32, u32) = (1200, 560);
 
@@ -64,18 +62,10 @@ fn draw(area: &DrawingArea<SVGBackend<'_>, Shift>, section: &Section, title: &st
     chart.draw_series(dots(&section.raw, 2, colours.faint.stroke_width(1)))?;
     chart.draw_series(dots(&section.levelled, 2, colours.points.filled()))?;
 
-    let sides = [(&section.profile.left, true), (&section.profile.right, false)];
-    let mut lines: [Vec<Line>; 3] = Default::default();
-    let mut marks = Vec::new();
-    for (side, left) in sides {
-        let [road, adjacent, opposing] = side_lines(side, left, &section.levelled);
-        if let Some(line) = &road {
-            marks.push((line.outer, colours.road, left));
-        }
-        for (list, line) in lines.iter_mut().zip([road, adjacent, opposing]) {
-            list.extend(line);
-        }
-    }
+    let fitted = section.lines();
+    let of = |part: Part| fitted.iter().filter(move |line| line.part == part);
+    let marks = of(Part::Road).map(|line| (line.outer, colours.road, line.left));
+    let lines = [Part::Road, Part::Adjacent, Part::Opposing].map(|part| of(part).map(Line::of).collect::<Vec<_>>());
     for (list, colour) in [(&lines[0], colours.road), (&lines[1], colours.adjacent), (&lines[2], colours.opposing)] {
         let paths =
             list.iter().map(|line| PathElement::new([flip(line.inner), flip(line.outer)], colour.stroke_width(3)));
@@ -134,6 +124,18 @@ struct Line {
     label: String,
 }
 
+impl Line {
+    fn of(fitted: &Fitted) -> Self {
+        let slope = signed(fitted.slope_deg, 2);
+        let label = match fitted.ci95_deg {
+            _ if fitted.part == Part::Road => String::new(),
+            Some(interval) => format!("{slope}\u{b0} \u{b1} {interval:.2}\u{b0}"),
+            None => format!("{slope}\u{b0}"),
+        };
+        Self { inner: fitted.inner, outer: fitted.outer, label }
+    }
+}
+
 fn flip((y, z): Place) -> Place {
     (-y, z)
 }
@@ -160,34 +162,4 @@ fn bounds(section: &Section) -> (f64, f64, f64) {
     }
     let room = (high - low).max(1.0);
     (reach, low - 0.2 * room, high + 0.35 * room)
-}
-
-/// Road, adjacent and opposing line of one side. A profile tells slopes and lateral places; heights are those of the points there.
-fn side_lines(side: &Side, left: bool, points: &[Place]) -> [Option<Line>; 3] {
-    let outward = if left { 1.0 } else { -1.0 };
-    let metres = |um: i32| f64::from(um) * 1e-6;
-    let through = |slope_deg: f64, from: f64, to: f64, label: String| {
-        let rise = slope_deg.to_radians().tan() * outward;
-        let (low, high) = (from.min(to), from.max(to));
-        let mut heights: Vec<f64> =
-            points.iter().filter(|(y, _)| (low..=high).contains(y)).map(|(y, z)| z - rise * y).collect();
-        heights.sort_by(f64::total_cmp);
-        let base = heights.get(heights.len() / 2)?;
-        Some(Line { inner: (from, base + rise * from), outer: (to, base + rise * to), label })
-    };
-    let road = side
-        .road
-        .zip(side.edge)
-        .and_then(|(slope, edge)| through(degrees(slope), 0.0, metres(edge.y_um), String::new()));
-    let line = |slope: Option<Slope>| {
-        let slope = slope?;
-        let interval = degrees(slope.ci95);
-        let label = if interval > 0.0 {
-            format!("{}\u{b0} \u{b1} {interval:.2}\u{b0}", signed(degrees(slope.angle), 2))
-        } else {
-            format!("{}\u{b0}", signed(degrees(slope.angle), 2))
-        };
-        through(degrees(slope.angle), metres(slope.start.y_um), metres(slope.end.y_um), label)
-    };
-    [road, line(side.adjacent), line(side.opposing)]
 }

@@ -108,7 +108,8 @@ pub(super) fn identify(port: &mut dyn Port) -> io::Result<()> {
     port.write_all(&frame[..=length])
 }
 
-fn connect(address: &str) -> io::Result<TcpStream> {
+/// Connects to a TCP server, waiting for it at most [`CONNECT`].
+pub(crate) fn connect(address: &str) -> io::Result<TcpStream> {
     let mut failed = io::Error::new(ErrorKind::NotFound, "the name has no address");
     for address in address.to_socket_addrs()? {
         match TcpStream::connect_timeout(&address, CONNECT) {

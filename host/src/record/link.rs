@@ -58,6 +58,9 @@ impl Link {
                                 Message::Hello(hello) => hello.restart.to_owned(),
                                 _ => "its numbers begin again".to_owned(),
                             };
+                            let number = (summary.restarts + 1).to_string();
+                            let entries = [("number".to_owned(), number), ("why".to_owned(), why.clone())].into();
+                            log.metadata(log::metadata::SEGMENT, entries)?;
                             notice(Notice::Restarted { why });
                         }
                         describe(&frame.body, &mut self.identity, &mut self.config, log, notice)?;

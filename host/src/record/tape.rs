@@ -27,6 +27,9 @@ pub trait Tape {
     /// As of [`Tape::frame`].
     fn metadata(&mut self, name: &str, entries: BTreeMap<String, String>) -> Result<(), output::Error>;
 
+    /// Bytes on the disk, in how many files.
+    fn extent(&self) -> (u64, u32);
+
     /// Time goes by; called at least twenty times a second.
     ///
     /// # Errors
@@ -41,6 +44,10 @@ impl Tape for log::Writer {
 
     fn metadata(&mut self, name: &str, entries: BTreeMap<String, String>) -> Result<(), output::Error> {
         Self::metadata(self, name, entries)
+    }
+
+    fn extent(&self) -> (u64, u32) {
+        (self.bytes(), self.parts())
     }
 
     fn settle(&mut self, now_ns: u64) -> Result<(), output::Error> {

@@ -9,6 +9,7 @@ use super::motion::Attitude;
 use super::noise::{Noise, Purpose};
 use super::scene::{Scanner, Scene, Vegetation};
 use super::section::{Road, Section, cast};
+use super::surface::Surface;
 
 /// Values of a scan.
 pub const BEAMS: usize = 361;
@@ -44,23 +45,29 @@ pub struct Telegram {
 pub struct Lms<'a> {
     scanner: &'a Scanner,
     vegetation: &'a Vegetation,
+    start_m: f64,
     speed_m_s: f64,
     attitude: &'a Attitude,
     road: &'a Road,
+    surface: &'a Surface,
     noise: Noise,
+    roughness: Noise,
 }
 
 impl<'a> Lms<'a> {
     /// A scanner on a vehicle on a road.
     #[must_use]
-    pub fn new(scene: &'a Scene, attitude: &'a Attitude, road: &'a Road) -> Self {
+    pub fn new(scene: &'a Scene, attitude: &'a Attitude, road: &'a Road, surface: &'a Surface) -> Self {
         Self {
             scanner: &scene.scanner,
             vegetation: &scene.vegetation,
+            start_m: scene.drive.start_m,
             speed_m_s: scene.drive.speed_m_s,
             attitude,
             road,
+            surface,
             noise: Noise::new(scene.drive.seed, Purpose::Ranges),
+            roughness: Noise::new(scene.drive.seed, Purpose::Roughness),
         }
     }
 
@@ -101,10 +108,12 @@ impl<'a> Lms<'a> {
     /// The value of one beam.
     fn beam(&mut self, scan: usize, degrees: f64, t: f64) -> u16 {
         let theta = if self.scanner.mirrored { 180.0 - degrees } else { degrees };
-        let phi = (theta + self.attitude.roll_deg(t) + self.scanner.mounting_offset_deg).to_radians();
+        let phi = (theta + self.attitude.scanner_roll_deg(t) + self.scanner.mounting_offset_deg).to_radians();
         // y = -r cos(phi), z = -r sin(phi), left and up positive.
         let (left, up) = (-libm::cos(phi), -libm::sin(phi));
-        let section = self.road.at(self.speed_m_s * t, scan);
+        let station_m = self.start_m + self.speed_m_s * t;
+        let lateral_m = self.attitude.lateral_m(t);
+        let section = self.road.at(station_m, scan).from_further_left(lateral_m);
         let ground = section.ground(left >= 0.0);
         // Drawn for every beam, whatever becomes of it, so that one beam's fate leaves the others theirs.
         let (plant, stray) = (self.noise.chance(self.vegetation.share), self.noise.chance(self.vegetation.stray_share));
@@ -113,11 +122,30 @@ impl<'a> Lms<'a> {
         let error_mm = self.noise.normal() * self.scanner.range_noise_mm;
 
         let Some(bare) = cast(&ground, left.abs(), up, 0.0) else { return NO_ECHO };
-        let off_road = bare * left.abs() > edge_m(&section, left);
-        let range = match off_road {
-            true if plant => cast(&ground, left.abs(), up, height_m).unwrap_or(bare),
-            true if stray => bare * fraction,
-            _ => bare,
+        let edge_m = edge_m(&section, left);
+        let off_road = bare * left.abs() > edge_m;
+        let range = if !off_road {
+            bare
+        } else if stray && !plant {
+            bare * fraction
+        } else {
+            let mut raised_m = if plant { height_m } else { 0.0 };
+            if self.surface.is_rough() {
+                raised_m += self.surface.roughness_m * self.roughness.normal();
+                // Where the ray meets the undulating ground, by iteration: each step closes in by the ratio of the undulation's slope to
+                // the angle between ray and ground, a third or less.
+                let mut range = bare;
+                for _ in 0..6 {
+                    let out_m = range * left.abs();
+                    let height_m = self.surface.height_m(station_m, lateral_m + range * left, out_m - edge_m);
+                    range = cast(&ground, left.abs(), up, raised_m + height_m).unwrap_or(range);
+                }
+                range
+            } else if plant {
+                cast(&ground, left.abs(), up, raised_m).unwrap_or(bare)
+            } else {
+                bare
+            }
         };
         if range > self.scanner.max_range_m {
             return NO_ECHO;

@@ -9,6 +9,7 @@ pub mod noise;
 pub mod scene;
 pub mod section;
 pub mod span;
+pub mod surface;
 pub mod truth;
 
 use self::lms::Lms;
@@ -16,7 +17,8 @@ use self::motion::Attitude;
 use self::noise::{Noise, Purpose};
 use self::scene::Scene;
 use self::section::Road;
-use self::span::Span;
+use self::span::{Frame, Mount, Span};
+use self::surface::Surface;
 use crate::capture::{Channel, Writer};
 use crate::{interrupt, output};
 
@@ -42,7 +44,7 @@ pub enum Error {
 pub struct Summary {
     /// The truth of every scan.
     pub truth: Vec<truth::Row>,
-    /// Poses.
+    /// Poses of the first unit.
     pub poses: u64,
     /// Pulses.
     pub pulses: u64,
@@ -64,33 +66,37 @@ pub fn simulate(scene: &Scene, capture: &mut Writer, mut progress: impl FnMut(us
     let scan_s = 2.0 * Lms::turn_s(&scene.scanner);
     let end_s = LEAD_S + count as f64 * scan_s + TAIL_S;
     let attitude = Attitude::new(&scene.vehicle, &mut Noise::new(seed, Purpose::Motion));
-    let length_m = end_s * scene.drive.speed_m_s;
-    let road = Road::new(&scene.sections, length_m, count, &mut Noise::new(seed, Purpose::Sections));
-    let mut lms = Lms::new(scene, &attitude, &road);
-    let mut span = Span::new(scene, &attitude);
+    let length_m = scene.drive.start_m + end_s * scene.drive.speed_m_s;
+    let road_seed = scene.sections.seed.unwrap_or(seed);
+    let road = Road::new(&scene.sections, length_m, count, &mut Noise::new(road_seed, Purpose::Sections));
+    let surface = Surface::new(&scene.sections.surface, &mut Noise::new(road_seed, Purpose::Undulation));
+    let mut lms = Lms::new(scene, &attitude, &road, &surface);
+    let mut units = vec![Unit::new(Channel::Ins, Span::new(scene, &scene.ins, Mount::Vehicle, &attitude))];
+    if let Some(second) = &scene.ins2 {
+        units.push(Unit::new(Channel::Ins2, Span::new(scene, second, Mount::Scanner, &attitude)));
+    }
     let device_s = |t: f64| scene.clock.start_s + t * (1.0 + scene.clock.drift_ppm * 1e-6);
     let device_ns = |t: f64| libm::round(device_s(t) * 1e9) as u64;
 
     let mut summary = Summary { truth: Vec::with_capacity(count), poses: 0, pulses: 0 };
     let mut scan = 0;
     let mut telegram = Some(lms.scan(0, LEAD_S));
-    let mut frame = Some(span.frame());
     let mut second = Some(0.0);
     loop {
         // Whatever comes first; a pulse before bytes of the same instant.
-        let times = [second, frame.as_ref().map(|frame| frame.arrival_s), telegram.as_ref().map(|scan| scan.arrival_s)];
-        let Some(next) = times.iter().flatten().copied().min_by(f64::total_cmp) else { break };
-        if times[0] == Some(next) {
+        let frames = units.iter().filter_map(Unit::arrival_s);
+        let others = second.into_iter().chain(telegram.as_ref().map(|scan| scan.arrival_s));
+        let Some(next) = others.chain(frames).min_by(f64::total_cmp) else { break };
+        if second == Some(next) {
             capture.write(Channel::Pps, device_ns(next), &[])?;
             summary.pulses += 1;
             second = Some(next + 1.0).filter(|&next| next <= end_s);
-        } else if times[1] == Some(next) {
-            if let Some(now) = frame.take() {
-                capture.write(Channel::Ins, device_ns(next), &now.bytes)?;
+        } else if let Some(unit) = units.iter_mut().find(|unit| unit.arrival_s() == Some(next)) {
+            if let Some(now) = unit.next(end_s) {
+                capture.write(unit.channel, device_ns(next), &now.bytes)?;
                 // The TIME log is the other kind.
-                summary.poses += u64::from(now.bytes.len() == 104);
+                summary.poses += u64::from(unit.channel == Channel::Ins && now.bytes.len() == 104);
             }
-            frame = (span.valid_s() <= end_s).then(|| span.frame());
         } else if let Some(now) = telegram.take() {
             if interrupt::requested() {
                 return Err(Error::Interrupted);
@@ -98,13 +104,14 @@ pub fn simulate(scene: &Scene, capture: &mut Writer, mut progress: impl FnMut(us
             capture.write(Channel::Lidar, device_ns(next), &now.bytes)?;
             let turn_s = scan_s / 2.0;
             // Beams of both turns: half a turn of measuring in each, a turn apart.
-            let station_m = scene.drive.speed_m_s * (now.start_s + 0.75 * turn_s);
+            let middle_s = now.start_s + 0.75 * turn_s;
+            let station_m = scene.drive.start_m + scene.drive.speed_m_s * middle_s;
             summary.truth.push(truth::Row {
                 scan,
                 start_device_s: device_s(now.start_s),
-                roll_deg: attitude.roll_deg(now.start_s + turn_s / 4.0),
+                roll_deg: attitude.scanner_roll_deg(now.start_s + turn_s / 4.0),
                 station_m,
-                section: road.at(station_m, scan),
+                section: road.at(station_m, scan).from_further_left(attitude.lateral_m(middle_s)),
             });
             scan += 1;
             progress(scan);
@@ -112,6 +119,31 @@ pub fn simulate(scene: &Scene, capture: &mut Writer, mut progress: impl FnMut(us
         }
     }
     Ok(summary)
+}
+
+/// An inertial unit and its next frame.
+struct Unit<'a> {
+    channel: Channel,
+    span: Span<'a>,
+    frame: Option<Frame>,
+}
+
+impl<'a> Unit<'a> {
+    fn new(channel: Channel, mut span: Span<'a>) -> Self {
+        let frame = Some(span.frame());
+        Self { channel, span, frame }
+    }
+
+    fn arrival_s(&self) -> Option<f64> {
+        self.frame.as_ref().map(|frame| frame.arrival_s)
+    }
+
+    /// The frame that is due; the one after it is prepared, up to the end of the drive.
+    fn next(&mut self, end_s: f64) -> Option<Frame> {
+        let due = self.frame.take();
+        self.frame = (self.span.valid_s() <= end_s).then(|| self.span.frame());
+        due
+    }
 }
 
 #[cfg(test)]

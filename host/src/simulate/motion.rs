@@ -6,7 +6,7 @@
 use core::f64::consts::TAU;
 
 use super::noise::Noise;
-use super::scene::{Drive, Oscillation, Piece, Vehicle};
+use super::scene::{Drive, Oscillation, Piece, Vehicle, Wander};
 
 /// Semi-major axis of WGS 84.
 const SEMI_MAJOR_M: f64 = 6_378_137.0;
@@ -22,32 +22,55 @@ impl Swing {
         Self(oscillations.iter().map(|o| (o.amplitude_deg, TAU * o.frequency_hz, TAU * noise.unit())).collect())
     }
 
+    fn of_way(wander: &[Wander], noise: &mut Noise) -> Self {
+        Self(wander.iter().map(|w| (w.amplitude_m, TAU * w.frequency_hz, TAU * noise.unit())).collect())
+    }
+
     fn at(&self, t: f64) -> f64 {
         self.0.iter().map(|&(amplitude, omega, phase)| amplitude * libm::sin(omega * t + phase)).sum()
     }
 }
 
-/// The vehicle's rotation on its springs, in degrees, as functions of the drive's time in seconds.
+/// How the vehicle moves about its place on the track, as functions of the drive's time in seconds.
 #[derive(Clone, Debug)]
 pub struct Attitude {
     roll: Swing,
     pitch: Swing,
+    flex: Swing,
+    wander: Swing,
 }
 
 impl Attitude {
     /// Draws the phases.
     #[must_use]
     pub fn new(vehicle: &Vehicle, noise: &mut Noise) -> Self {
-        Self { roll: Swing::new(&vehicle.roll, noise), pitch: Swing::new(&vehicle.pitch, noise) }
+        Self {
+            roll: Swing::new(&vehicle.roll, noise),
+            pitch: Swing::new(&vehicle.pitch, noise),
+            flex: Swing::new(&vehicle.flex, noise),
+            wander: Swing::of_way(&vehicle.wander, noise),
+        }
     }
 
-    /// Roll, positive = right side down.
+    /// Roll of the vehicle in degrees, positive = right side down.
     #[must_use]
     pub fn roll_deg(&self, t: f64) -> f64 {
         self.roll.at(t)
     }
 
-    /// Pitch beyond the road's grade, positive = nose up.
+    /// Roll of the scanner's frame in degrees: the vehicle's, and how the frame flexes against it.
+    #[must_use]
+    pub fn scanner_roll_deg(&self, t: f64) -> f64 {
+        self.roll.at(t) + self.flex.at(t)
+    }
+
+    /// To the left of the track, in metres.
+    #[must_use]
+    pub fn lateral_m(&self, t: f64) -> f64 {
+        self.wander.at(t)
+    }
+
+    /// Pitch beyond the road's grade in degrees, positive = nose up.
     #[must_use]
     pub fn pitch_deg(&self, t: f64) -> f64 {
         self.pitch.at(t)
@@ -102,6 +125,12 @@ impl Track {
             },
         };
         track.aim();
+        // In steps of a metre, as the ellipsoid's radii change along the way.
+        let mut left_m = drive.start_m;
+        while left_m > 0.0 {
+            track.advance(left_m.min(1.0));
+            left_m -= 1.0;
+        }
         track
     }
 
@@ -129,8 +158,11 @@ impl Track {
 
     /// Drives on for a time.
     pub fn step(&mut self, seconds: f64) {
+        self.advance(self.speed_m_s * seconds);
+    }
+
+    fn advance(&mut self, length: f64) {
         let (curvature, grade) = self.piece();
-        let length = self.speed_m_s * seconds;
         let turned_deg = (length * curvature).to_degrees();
         // The chord of an arc points half way between the directions at its ends.
         let middle = (self.place.azimuth_deg - turned_deg / 2.0).to_radians();

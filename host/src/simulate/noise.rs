@@ -20,6 +20,18 @@ pub enum Purpose {
     Latency = 4,
     /// The vehicle's motion.
     Motion = 5,
+    /// Attitude and position of a second inertial unit.
+    SecondInertial = 6,
+    /// When its frames arrive.
+    SecondLatency = 7,
+    /// Errors of position.
+    Position = 8,
+    /// Errors of the second unit's position.
+    SecondPosition = 9,
+    /// Undulations of the ground.
+    Undulation = 10,
+    /// Roughness of the ground, beam by beam.
+    Roughness = 11,
 }
 
 /// A stream of random numbers.

@@ -4,12 +4,11 @@
 //! `host/scenes/` has examples, [`Scene::default`] is `host/scenes/default.toml`. Slopes are signed as in profiles: positive = rising
 //! outward, away from the vehicle.
 
-use std::path::Path;
+mod check;
 
 use serde::{Deserialize, Serialize};
 
 use super::section::{Section, Side};
-use crate::toml_file::{self, Invalid, within};
 
 /// A simulated drive.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
@@ -23,6 +22,9 @@ pub struct Scene {
     pub scanner: Scanner,
     /// The inertial unit.
     pub ins: Ins,
+    /// A second unit, mounted on the scanner: it feels the flexing of the scanner's frame, the first one does not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ins2: Option<Ins>,
     /// The board's clock.
     pub clock: Clock,
     /// The ground beside the road.
@@ -41,6 +43,8 @@ pub struct Drive {
     pub seed: u64,
     /// Speed over ground.
     pub speed_m_s: f64,
+    /// Where on the road the drive begins: drives with the same road are repeats of each other.
+    pub start_m: f64,
     /// Where the drive begins (WGS 84).
     pub latitude_deg: f64,
     /// Where the drive begins.
@@ -78,6 +82,20 @@ pub struct Vehicle {
     pub roll: Vec<Oscillation>,
     /// About the lateral axis, positive = nose up; added to the road's grade.
     pub pitch: Vec<Oscillation>,
+    /// Roll of the scanner's frame against the vehicle, which a unit inside the vehicle does not feel.
+    pub flex: Vec<Oscillation>,
+    /// To the left of the lane's middle, which the sections are measured from.
+    pub wander: Vec<Wander>,
+}
+
+/// One part of the vehicle's way within its lane. Its phase is drawn from the seed.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Wander {
+    /// Amplitude.
+    pub amplitude_m: f64,
+    /// Frequency; 0 for a way that is off by a constant.
+    pub frequency_hz: f64,
 }
 
 /// One oscillation. Its phase is drawn from the seed.
@@ -126,6 +144,12 @@ pub struct Ins {
     pub attitude_drift_s: f64,
     /// Standard deviation of what is new with every pose in roll and pitch.
     pub attitude_white_deg: f64,
+    /// What its roll is off by from beginning to end: how it is mounted.
+    pub roll_bias_deg: f64,
+    /// Standard deviation of the slowly drifting error of its position, north and east each.
+    pub position_drift_m: f64,
+    /// Time constant of that.
+    pub position_drift_s: f64,
     /// The least latency of a frame.
     pub latency_min_ms: f64,
     /// Median of what comes on top, before frames wait for each other on the line.
@@ -160,10 +184,27 @@ pub struct Sections {
     pub interpolation: Interpolation,
     /// Distance of random stations.
     pub spacing_m: f64,
+    /// Seed of the random sections alone, instead of the drive's: the same road on another drive.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
+    /// What lies on the slopes' straight lines beyond the road.
+    pub surface: Surface,
     /// Bounds of random sections.
     pub random: Random,
     /// Sections at places of the road, for the mode `stations`.
     pub station: Vec<Station>,
+}
+
+/// How far the ground beyond the road is from the straight lines of its section.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Surface {
+    /// Standard deviation of a height that is new for every beam: stones, tufts.
+    pub roughness_mm: f64,
+    /// Standard deviation of the height of undulations.
+    pub undulation_mm: f64,
+    /// Their shortest and longest wavelength.
+    pub wavelength_m: [f64; 2],
 }
 
 /// Where sections come from.
@@ -261,6 +302,7 @@ impl Default for Drive {
             seconds: 60.0,
             seed: 1,
             speed_m_s: 22.0,
+            start_m: 0.0,
             latitude_deg: 40.8,
             longitude_deg: -77.86,
             height_m: 350.0,
@@ -285,6 +327,8 @@ impl Default for Vehicle {
                 Oscillation { amplitude_deg: 0.25, frequency_hz: 1.9 },
             ],
             pitch: vec![Oscillation { amplitude_deg: 0.5, frequency_hz: 1.1 }],
+            flex: Vec::new(),
+            wander: Vec::new(),
         }
     }
 }
@@ -312,6 +356,9 @@ impl Default for Ins {
             attitude_drift_deg: 0.0168,
             attitude_drift_s: 30.0,
             attitude_white_deg: 0.0025,
+            roll_bias_deg: 0.0,
+            position_drift_m: 0.0,
+            position_drift_s: 600.0,
             latency_min_ms: 10.0,
             latency_median_ms: 17.0,
             latency_p95_ms: 90.0,
@@ -334,9 +381,17 @@ impl Default for Sections {
             mode: Mode::RandomStations,
             interpolation: Interpolation::Cosine,
             spacing_m: 60.0,
+            seed: None,
+            surface: Surface::default(),
             random: Random::default(),
             station: Vec::new(),
         }
+    }
+}
+
+impl Default for Surface {
+    fn default() -> Self {
+        Self { roughness_mm: 0.0, undulation_mm: 0.0, wavelength_m: [2.0, 12.0] }
     }
 }
 
@@ -378,143 +433,5 @@ impl Station {
             left: side(&self.left),
             right: side(&self.right),
         }
-    }
-}
-
-impl Scene {
-    /// Reads and checks a scene.
-    ///
-    /// # Errors
-    /// When the file cannot be read, has an unknown key, or a value out of range.
-    pub fn read(path: &Path) -> Result<Self, toml_file::Error> {
-        let scene: Self = toml_file::read(path)?;
-        scene.check().map_err(|source| toml_file::Error::Value { path: path.to_path_buf(), source })?;
-        Ok(scene)
-    }
-
-    /// Checks every value.
-    ///
-    /// # Errors
-    /// Names the first value out of range.
-    pub fn check(&self) -> Result<(), Invalid> {
-        let drive = &self.drive;
-        within("drive.seconds", drive.seconds, 0.1, 86_400.0)?;
-        within("drive.speed_m_s", drive.speed_m_s, 0.0, 100.0)?;
-        within("drive.latitude_deg", drive.latitude_deg, -85.0, 85.0)?;
-        within("drive.longitude_deg", drive.longitude_deg, -180.0, 180.0)?;
-        within("drive.height_m", drive.height_m, -1_000.0, 10_000.0)?;
-        within("drive.azimuth_deg", drive.azimuth_deg, 0.0, 360.0)?;
-        within("drive.gps_seconds", f64::from(drive.gps_seconds), 0.0, 604_799.0)?;
-        for (i, piece) in drive.track.iter().enumerate() {
-            let key = |name: &str| format!("drive.track[{i}].{name}");
-            within(&key("length_m"), piece.length_m, 1.0, 1e6)?;
-            within(&key("grade_percent"), piece.grade_percent, -30.0, 30.0)?;
-            if let Some(radius) = piece.radius_m {
-                within(&key("radius_m"), radius, -1e6, 1e6)?;
-                if radius.abs() < 10.0 {
-                    return Err(Invalid::new(key("radius_m"), radius, "at least 10 to the left or -10 to the right"));
-                }
-            }
-        }
-        for (name, list) in [("roll", &self.vehicle.roll), ("pitch", &self.vehicle.pitch)] {
-            for (i, oscillation) in list.iter().enumerate() {
-                within(&format!("vehicle.{name}[{i}].amplitude_deg"), oscillation.amplitude_deg, 0.0, 30.0)?;
-                within(&format!("vehicle.{name}[{i}].frequency_hz"), oscillation.frequency_hz, 0.0, 20.0)?;
-            }
-        }
-        let scanner = &self.scanner;
-        within("scanner.mounting_offset_deg", scanner.mounting_offset_deg, -45.0, 45.0)?;
-        within("scanner.delay_us", scanner.delay_us, -10_000.0, 100_000.0)?;
-        within("scanner.range_noise_mm", scanner.range_noise_mm, 0.0, 1_000.0)?;
-        within("scanner.max_range_m", scanner.max_range_m, 1.0, 32.0)?;
-        within("scanner.dropout_share", scanner.dropout_share, 0.0, 1.0)?;
-        within("scanner.motor_error_ppm", scanner.motor_error_ppm, -20_000.0, 20_000.0)?;
-        self.check_ins()?;
-        within("clock.drift_ppm", self.clock.drift_ppm, -1_000.0, 1_000.0)?;
-        within("clock.start_s", self.clock.start_s, 0.0, 1e6)?;
-        self.check_sections()?;
-        let vegetation = &self.vegetation;
-        within("vegetation.share", vegetation.share, 0.0, 1.0)?;
-        within("vegetation.mean_mm", vegetation.mean_mm, 0.0, 2_000.0)?;
-        within("vegetation.max_mm", vegetation.max_mm, 0.0, 2_000.0)?;
-        within("vegetation.stray_share", vegetation.stray_share, 0.0, 1.0)
-    }
-
-    fn check_ins(&self) -> Result<(), Invalid> {
-        let ins = &self.ins;
-        within("ins.rate_hz", f64::from(ins.rate_hz), 1.0, 200.0)?;
-        within("ins.baud", f64::from(ins.baud), 9_600.0, 921_600.0)?;
-        // A pose is 104 bytes and a TIME log 76, ten bits each.
-        let needed = ins.rate_hz * 1_040 + if ins.time_log { 760 } else { 0 };
-        if ins.baud < needed {
-            return Err(Invalid::new(
-                "ins.baud",
-                ins.baud,
-                format!("at least {needed} for {} poses a second", ins.rate_hz),
-            ));
-        }
-        within("ins.attitude_drift_deg", ins.attitude_drift_deg, 0.0, 10.0)?;
-        within("ins.attitude_drift_s", ins.attitude_drift_s, 0.0, 1e5)?;
-        within("ins.attitude_white_deg", ins.attitude_white_deg, 0.0, 10.0)?;
-        within("ins.latency_min_ms", ins.latency_min_ms, 0.0, 1_000.0)?;
-        within("ins.latency_median_ms", ins.latency_median_ms, 0.0, 1_000.0)?;
-        within("ins.latency_p95_ms", ins.latency_p95_ms, ins.latency_median_ms, 1_000.0)?;
-        within("ins.latency_max_ms", ins.latency_max_ms, ins.latency_min_ms, 2_000.0)?;
-        within("ins.latency_spell_s", ins.latency_spell_s, 0.0, 100.0)
-    }
-
-    fn check_sections(&self) -> Result<(), Invalid> {
-        let sections = &self.sections;
-        within("sections.spacing_m", sections.spacing_m, 1.0, 1e5)?;
-        let random = &sections.random;
-        let bounds = [
-            ("height_m", random.height_m, 0.5, 10.0),
-            ("cross_slope_deg", random.cross_slope_deg, -20.0, 20.0),
-            ("left_edge_m", random.left_edge_m, 0.5, 20.0),
-            ("road_width_m", random.road_width_m, 1.0, 40.0),
-            ("adjacent_slope_deg", random.adjacent_slope_deg, -60.0, 60.0),
-            ("adjacent_length_m", random.adjacent_length_m, 0.01, 50.0),
-            ("ditch_m", random.ditch_m, 0.0, 50.0),
-            ("opposing_slope_deg", random.opposing_slope_deg, -60.0, 60.0),
-            ("opposing_length_m", random.opposing_length_m, 0.01, 50.0),
-        ];
-        for (name, [a, b], low, high) in bounds {
-            let key = format!("sections.random.{name}");
-            if !(low <= a && a <= b && b <= high) {
-                let expected = format!("two numbers from {low} to {high}, the lower first");
-                return Err(Invalid::new(key, format!("[{a}, {b}]"), expected));
-            }
-        }
-        if random.road_width_m[0] <= random.left_edge_m[1] {
-            let expected = format!("more than sections.random.left_edge_m = {}", random.left_edge_m[1]);
-            return Err(Invalid::new("sections.random.road_width_m", random.road_width_m[0], expected));
-        }
-        if sections.mode == Mode::Stations && sections.station.is_empty() {
-            return Err(Invalid::new("sections.station", "none", "at least one with the mode \"stations\""));
-        }
-        if sections.mode != Mode::Stations && !sections.station.is_empty() {
-            return Err(Invalid::new("sections.mode", "random", "\"stations\", as stations are listed"));
-        }
-        let mut last = f64::NEG_INFINITY;
-        for (i, station) in sections.station.iter().enumerate() {
-            let key = |name: &str| format!("sections.station[{i}].{name}");
-            within(&key("at_m"), station.at_m, 0.0, 1e7)?;
-            if station.at_m <= last {
-                return Err(Invalid::new(key("at_m"), station.at_m, format!("more than {last}, the station before")));
-            }
-            last = station.at_m;
-            within(&key("height_m"), station.height_m, 0.5, 10.0)?;
-            within(&key("cross_slope_deg"), station.cross_slope_deg, -20.0, 20.0)?;
-            for (name, side) in [("left", &station.left), ("right", &station.right)] {
-                let key = |field: &str| key(&format!("{name}.{field}"));
-                within(&key("edge_m"), side.edge_m, 0.5, 40.0)?;
-                within(&key("adjacent_slope_deg"), side.adjacent_slope_deg, -60.0, 60.0)?;
-                within(&key("adjacent_length_m"), side.adjacent_length_m, 0.01, 50.0)?;
-                within(&key("ditch_m"), side.ditch_m, 0.0, 50.0)?;
-                within(&key("opposing_slope_deg"), side.opposing_slope_deg, -60.0, 60.0)?;
-                within(&key("opposing_length_m"), side.opposing_length_m, 0.01, 50.0)?;
-            }
-        }
-        Ok(())
     }
 }

@@ -84,6 +84,15 @@ impl Section {
         }
     }
 
+    /// The section as seen from a place further to the left on the road, the sensor as high above it.
+    #[must_use]
+    pub fn from_further_left(&self, by_m: f64) -> Self {
+        let mut seen = *self;
+        seen.left.edge_m -= by_m;
+        seen.right.edge_m += by_m;
+        seen
+    }
+
     /// The ground of one side as points (lateral distance from the sensor, height above the sensor), from under the sensor outward.
     #[must_use]
     pub fn ground(&self, left: bool) -> [(f64, f64); GROUND_POINTS] {

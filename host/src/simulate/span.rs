@@ -5,7 +5,7 @@
 
 use crossfall_core::sensors::novatel::crc32;
 
-use super::motion::{Attitude, Track};
+use super::motion::{Attitude, Place, Track};
 use super::noise::{Drift, Noise, Purpose};
 use super::scene::{Ins, Scene};
 
@@ -18,9 +18,19 @@ pub struct Frame {
     pub bytes: Vec<u8>,
 }
 
+/// Where a unit is mounted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mount {
+    /// In the vehicle: the drive's own unit.
+    Vehicle,
+    /// On the scanner's frame: a second unit.
+    Scanner,
+}
+
 /// The unit.
 #[derive(Debug)]
 pub struct Span<'a> {
+    mount: Mount,
     ins: &'a Ins,
     attitude: &'a Attitude,
     track: Track,
@@ -29,6 +39,8 @@ pub struct Span<'a> {
     noise: Noise,
     roll_drift: Drift,
     pitch_drift: Drift,
+    position: Noise,
+    position_drift: [Drift; 2],
     line: Line,
     pose: u64,
     time_due: Option<f64>,
@@ -37,11 +49,16 @@ pub struct Span<'a> {
 impl<'a> Span<'a> {
     /// A unit on a vehicle.
     #[must_use]
-    pub fn new(scene: &'a Scene, attitude: &'a Attitude) -> Self {
-        let ins = &scene.ins;
+    pub fn new(scene: &'a Scene, ins: &'a Ins, mount: Mount, attitude: &'a Attitude) -> Self {
         let step_s = 1.0 / f64::from(ins.rate_hz);
-        let mut noise = Noise::new(scene.drive.seed, Purpose::Inertial);
+        let [inertial, latency, position] = match mount {
+            Mount::Vehicle => [Purpose::Inertial, Purpose::Latency, Purpose::Position],
+            Mount::Scanner => [Purpose::SecondInertial, Purpose::SecondLatency, Purpose::SecondPosition],
+        };
+        let mut noise = Noise::new(scene.drive.seed, inertial);
+        let mut position = Noise::new(scene.drive.seed, position);
         Self {
+            mount,
             ins,
             attitude,
             track: Track::new(&scene.drive),
@@ -50,7 +67,9 @@ impl<'a> Span<'a> {
             roll_drift: Drift::new(ins.attitude_drift_s, step_s, &mut noise),
             pitch_drift: Drift::new(ins.attitude_drift_s, step_s, &mut noise),
             noise,
-            line: Line::new(ins, Noise::new(scene.drive.seed, Purpose::Latency)),
+            position_drift: [(); 2].map(|()| Drift::new(ins.position_drift_s, step_s, &mut position)),
+            position,
+            line: Line::new(ins, Noise::new(scene.drive.seed, latency)),
             pose: 0,
             time_due: None,
         }
@@ -85,7 +104,11 @@ impl<'a> Span<'a> {
         let drift = self.ins.attitude_drift_deg;
         let roll_error = drift * self.roll_drift.step(&mut self.noise) + white * self.noise.normal();
         let pitch_error = drift * self.pitch_drift.step(&mut self.noise) + white * self.noise.normal();
-        let roll = self.attitude.roll_deg(t) + roll_error;
+        let roll = match self.mount {
+            Mount::Vehicle => self.attitude.roll_deg(t),
+            Mount::Scanner => self.attitude.scanner_roll_deg(t),
+        };
+        let roll = roll + self.ins.roll_bias_deg + roll_error;
         let pitch = place.grade_deg + self.attitude.pitch_deg(t) + pitch_error;
 
         let rate = u64::from(self.ins.rate_hz);
@@ -101,25 +124,29 @@ impl<'a> Span<'a> {
         bytes.extend((libm::round(seconds * 1_000.0) as u32).to_le_bytes());
         bytes.extend(u32::from(week).to_le_bytes());
         let [north, east, up] = place.velocity_m_s;
-        let numbers = [
-            seconds,
-            place.latitude_deg,
-            place.longitude_deg,
-            place.height_m,
-            north,
-            east,
-            up,
-            roll,
-            pitch,
-            place.azimuth_deg,
-        ];
+        let [latitude, longitude] = self.reported(&place, self.attitude.lateral_m(t));
+        let numbers = [seconds, latitude, longitude, place.height_m, north, east, up, roll, pitch, place.azimuth_deg];
         bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
         // INS status: solution good.
         bytes.extend(3_u32.to_le_bytes());
         bytes.extend(crc32(&bytes).to_le_bytes());
         bytes
     }
+
+    /// Latitude and longitude as the unit has them: beside the track, and with the error of its position.
+    fn reported(&mut self, place: &Place, left_m: f64) -> [f64; 2] {
+        let azimuth = place.azimuth_deg.to_radians();
+        let drift = self.ins.position_drift_m;
+        let [north, east] = &mut self.position_drift;
+        let north_m = left_m * libm::sin(azimuth) + drift * north.step(&mut self.position);
+        let east_m = -left_m * libm::cos(azimuth) + drift * east.step(&mut self.position);
+        let per_degree = LATITUDE_DEGREE_M * libm::cos(place.latitude_deg.to_radians());
+        [place.latitude_deg + north_m / LATITUDE_DEGREE_M, place.longitude_deg + east_m / per_degree]
+    }
 }
+
+/// A degree of latitude, good to 1 %: it turns errors of a few metres into degrees.
+const LATITUDE_DEGREE_M: f64 = 111_200.0;
 
 /// The serial line: latency, order, speed.
 #[derive(Debug)]

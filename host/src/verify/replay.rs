@@ -5,8 +5,8 @@ use std::collections::VecDeque;
 use crossfall_core::attitude::HISTORY;
 use crossfall_core::clock::WINDOW;
 use crossfall_core::instrument::{ClockReplay, Event, Survey, WAITING};
-use crossfall_core::protocol::DeviceTime;
-use crossfall_core::protocol::message::{Message, Profile, ScanMode, Skip};
+use crossfall_core::protocol::message::{Message, Pose, Profile, Pulse, ScanMode, Session, Skip};
+use crossfall_core::protocol::{Config, DeviceTime};
 use crossfall_core::scan::{MAX_BEAMS, RawScan};
 
 /// How much must have come since a gap before answers count again.
@@ -15,6 +15,8 @@ struct Unsure {
     poses: usize,
     scans: usize,
     pulses: usize,
+    /// Until a configuration has come: nothing says which was in force.
+    config: bool,
 }
 
 /// The survey layer and the clock of a second instrument.
@@ -24,11 +26,17 @@ pub struct Replay {
     expected: VecDeque<Profile>,
     skip: Option<Skip>,
     unsure: Unsure,
+    /// Whether it is known that the survey runs or does not run.
+    session_known: bool,
+    /// Unsure because the log begins in the middle of a session.
+    joining: bool,
     scan: RawScan,
     /// Profiles that came out the same.
     pub reproduced: u64,
-    /// Profiles that could not be recomputed for want of what was lost.
+    /// Profiles that could not be recomputed for want of what was lost or came before the log began.
     pub unverifiable: u64,
+    /// How many of these came right after a beginning in the middle of a session: nothing was lost then.
+    pub joined: u64,
 }
 
 impl Default for Replay {
@@ -39,6 +47,8 @@ impl Default for Replay {
             expected: VecDeque::new(),
             skip: None,
             unsure: Unsure::default(),
+            session_known: false,
+            joining: false,
             scan: RawScan {
                 index: 0,
                 stx: DeviceTime(0),
@@ -50,6 +60,7 @@ impl Default for Replay {
             },
             reproduced: 0,
             unverifiable: 0,
+            joined: 0,
         }
     }
 }
@@ -58,19 +69,33 @@ impl Replay {
     /// Something was lost here.
     pub fn gap(&mut self) {
         // Two histories of poses, as a lost clock frame may have changed which of them count.
-        self.unsure = Unsure { poses: 2 * HISTORY, scans: 2 * WAITING, pulses: WINDOW + 4 };
+        self.unsure = Unsure { poses: 2 * HISTORY, scans: 2 * WAITING, pulses: WINDOW + 4, ..self.unsure };
+    }
+
+    /// The log begins while the board is at work. What it says of the configuration is all that is known.
+    pub fn begin_midway(&mut self, config: Option<&Config>) {
+        self.unsure.config = config.is_none();
+        self.gap();
+        if let Some(config) = config {
+            self.survey(&Message::Config(*config));
+        }
     }
 
     /// The board has booted.
     pub fn restart(&mut self) {
-        let (reproduced, unverifiable) = (self.reproduced, self.unverifiable);
-        *self = Self { reproduced, unverifiable, ..Self::default() };
+        let Self { reproduced, unverifiable, joined, .. } = *self;
+        *self = Self { reproduced, unverifiable, joined, ..Self::default() };
     }
 
     /// The next message of the log.
     pub fn take(&mut self, message: &Message<'_>, problems: &mut Vec<String>) {
+        self.join(message);
         match message {
             Message::Profile(profile) => self.compare(profile, problems),
+            Message::Config(_) => {
+                self.unsure.config = false;
+                self.survey(message);
+            }
             Message::Skip(skip) => self.skip = Some(*skip),
             // A mapping that no pulse of this log has made: the log begins within a drive.
             Message::Clock(_) if self.clock.state().is_none() => self.unsure.pulses = WINDOW + 4,
@@ -100,6 +125,11 @@ impl Replay {
             }
             Message::Scan(scan) => {
                 self.unsure.scans = self.unsure.scans.saturating_sub(1);
+                if !self.survey.is_running() {
+                    // Scans are streamed within a survey only: its start was lost.
+                    self.gap();
+                    self.survey(&Message::Session(Session::Started(scan.stx)));
+                }
                 if self.skip.take() == Some(Skip::Scan(scan.index)) {
                     return;
                 }
@@ -112,6 +142,26 @@ impl Replay {
                 self.survey(message);
             }
         }
+    }
+
+    /// Boards say when the survey starts and stops. A recording of one that has been running for a while lacks that, and
+    /// so does one that lost it: scans are streamed by a running survey only.
+    fn join(&mut self, message: &Message<'_>) {
+        let time = match message {
+            Message::Session(_) => {
+                self.session_known = true;
+                return;
+            }
+            Message::Scan(scan) if !self.session_known || !self.survey.is_running() => scan.stx,
+            Message::Pose(Pose { time, .. }) | Message::Pulse(Pulse { time, .. }) if !self.session_known => *time,
+            Message::Profile(Profile { time, .. }) if !self.session_known => *time,
+            Message::Clock(_) if !self.session_known => DeviceTime(0),
+            _ => return,
+        };
+        self.joining = !self.session_known;
+        self.session_known = true;
+        self.gap();
+        self.survey(&Message::Session(Session::Started(time)));
     }
 
     /// The log has ended: profiles that should have followed.
@@ -135,11 +185,12 @@ impl Replay {
     }
 
     fn is_unsure(&self) -> bool {
-        self.unsure.poses > 0 || self.unsure.scans > 0
+        self.unsure.poses > 0 || self.unsure.scans > 0 || self.unsure.config
     }
 
     fn compare(&mut self, profile: &Profile, problems: &mut Vec<String>) {
         let unsure = self.is_unsure();
+        self.joining &= unsure;
         let mut missing = 0;
         while self.expected.front().is_some_and(|ours| ours.scan < profile.scan) {
             self.expected.pop_front();
@@ -151,7 +202,10 @@ impl Replay {
         let ours = self.expected.pop_front_if(|ours| ours.scan == profile.scan);
         match ours {
             Some(ours) if ours == *profile => self.reproduced += 1,
-            _ if unsure => self.unverifiable += 1,
+            _ if unsure => {
+                self.unverifiable += 1;
+                self.joined += u64::from(self.joining);
+            }
             Some(ours) => problems.push(difference(profile, &ours)),
             None => problems.push(format!("a profile of scan {} that nothing in the log gives", profile.scan)),
         }

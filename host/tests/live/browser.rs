@@ -144,9 +144,10 @@ const ALWAYS_THERE: &str = "['#record', '#record-time', '#lamps', '#lamp-lidar',
 #[test]
 fn everything_fits_and_can_be_read_by_day_and_by_night() {
     let Some(mut page) = page() else { return };
-    let bench = Bench::on_log(1.0);
     for (width, height) in SCREENS {
         for night in [false, true] {
+            // A film of its own: none must end before it has been looked at.
+            let bench = Bench::on_log(1.0);
             page.screen(width, height);
             page.night(night);
             open(&mut page, &bench);

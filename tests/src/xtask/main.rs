@@ -4,11 +4,19 @@
 //! |---|---|
 //! | `test` | installs what is missing, then format, lints, licences, every test, the board image and the emulated board |
 //! | `setup` | only installs what is missing |
+//! | `fuzz` | runs libFuzzer over every target, or those named |
+//! | `soak` | drives for days of simulated time into a rotating log, and verifies it |
 //! | `list` | names the steps of `test` |
+//! | `soak` | ten minutes of drive through the emulated board |
+//! | `size` | what the image takes of the board's memory |
 #![forbid(unsafe_code)]
 
+mod fuzz;
 mod setup;
 mod shell;
+mod size;
+mod soak_board;
+mod soak_log;
 mod steps;
 
 use std::process::ExitCode;
@@ -20,7 +28,12 @@ cargo xtask COMMAND
                    install what is missing, then run every check (or only the steps named);
                    --long adds what takes long or wants the machine for itself
   setup            install what is missing: ARM target, emulator, browser, cargo-deny
+  fuzz [--seconds N] [TARGET...]
+                   run libFuzzer over every target, N seconds each (60 unless told)
+  soak --hours N   drive so long in simulated time into a rotating log, and verify all of it
   list             name the steps of `test`
+  soak [SECONDS]   ten minutes of drive through the emulated board: nothing lost, nothing grown
+  size             what the board's image takes of its memory, and its budget
 
 Examples:
   cargo xtask test
@@ -37,7 +50,13 @@ fn main() -> ExitCode {
         }
         ["test", wanted @ ..] => steps::run(wanted),
         ["setup"] => steps::run(&["setup"]),
+        ["fuzz", "--seconds", seconds, wanted @ ..] => counted(seconds, |seconds| fuzz::run(seconds, wanted)),
+        ["fuzz", wanted @ ..] => done(fuzz::run(fuzz::SECONDS, wanted)),
+        ["soak", "--hours", hours] => counted(hours, soak_log::run),
         ["list"] => steps::list(),
+        ["soak"] => soak_board::run(None),
+        ["soak", seconds] => soak_board::run(Some(seconds)),
+        ["size"] => size::run(),
         [] | ["help" | "--help" | "-h"] => {
             print!("{HELP}");
             ExitCode::SUCCESS
@@ -45,6 +64,26 @@ fn main() -> ExitCode {
         _ => {
             eprint!("xtask: unknown command: {}\n\n{HELP}", words.join(" "));
             ExitCode::from(2)
+        }
+    }
+}
+
+fn counted(number: &str, run: impl FnOnce(u64) -> Result<(), String>) -> ExitCode {
+    match number.parse() {
+        Ok(number) if number > 0 => done(run(number)),
+        _ => {
+            eprintln!("xtask: `{number}` is no whole number above 0");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn done(outcome: Result<(), String>) -> ExitCode {
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(problem) => {
+            eprintln!("xtask: {problem}");
+            ExitCode::FAILURE
         }
     }
 }

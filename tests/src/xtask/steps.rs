@@ -3,8 +3,8 @@
 use std::process::ExitCode;
 use std::time::Instant;
 
-use crate::setup;
 use crate::shell::{self, Tally};
+use crate::{fuzz, setup, size};
 
 type Step = (&'static str, &'static str, fn(&mut Tally) -> Result<(), String>);
 
@@ -16,7 +16,9 @@ const STEPS: &[Step] = &[
     ("format", "every file as rustfmt leaves it", |tally| shell::run("cargo fmt --all --check", "", tally)),
     ("lint", "clippy without a warning", lint),
     ("licences", "licences, bans and sources of every dependency", licences),
+    ("size", "the board's image within its budget", |_| size::check()),
     ("unit", "every test of the workspace, recordings and emulated board included", unit),
+    ("fuzz", "with --long: libFuzzer over every target, a minute each", fuzz::step),
 ];
 
 fn lint(tally: &mut Tally) -> Result<(), String> {

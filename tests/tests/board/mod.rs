@@ -1,14 +1,16 @@
 //! What the tests of the emulated board share: the example capture at half its rates, and the board's log.
+#![allow(dead_code, reason = "each test file uses its own part")]
 
 use std::path::Path;
 use std::time::Duration;
 
 use crossfall::capture::{self, Channel, Chunk};
 use crossfall::log;
+use crossfall::simulate::scene::Scene;
+use crossfall::simulate::{self, truth};
 use crossfall_core::protocol::DeviceTime;
-use crossfall_core::protocol::message::{Command, Level, Message, Session, Skip, Status};
-use crossfall_tests::emulator::drive::{Step, every_second};
-use crossfall_tests::emulator::{Emulator, Image, Options, image};
+use crossfall_core::protocol::message::{Level, Message, Status};
+use crossfall_tests::emulator::{Emulator, Image, Options, Step, every_second, half_the_scans, image};
 use crossfall_tests::lms_emulator::{Mode, Scanner};
 
 /// First bytes of a scan's telegram of 361 values without indices (TL, B0h) and of a short NovAtel header.
@@ -26,10 +28,29 @@ pub fn half_rate_drive(folder: &Path) -> Vec<Chunk> {
     drive
 }
 
-/// A board that has been switched on and has brought its scanner up.
+/// A simulated drive as the emulator's lines carry it - 18.8 scans and 50 poses a second -, and its truth, a row for each of these scans.
+pub fn simulated_drive(folder: &Path, seconds: f64) -> (Vec<Chunk>, Vec<truth::Row>) {
+    let mut scene = Scene::default();
+    // Indices would say that every second scan is missing.
+    (scene.drive.seconds, scene.ins.rate_hz, scene.scanner.index_bytes) = (seconds, 50, false);
+    let path = folder.join("drive.mcap");
+    let mut writer = capture::Writer::create(&path).expect("a capture");
+    let made = simulate::simulate(&scene, &mut writer, |_| ()).expect("a drive");
+    writer.finish().expect("a capture");
+    let all = capture::Reader::open(&path).expect("the capture").map(|chunk| chunk.expect("whole"));
+    (half_the_scans(all).collect(), made.truth.into_iter().step_by(2).collect())
+}
+
+/// Poses among the inertial unit's frames: all but the time.
+pub fn poses(drive: &[Chunk]) -> usize {
+    drive.iter().filter(|chunk| chunk.channel == Channel::Ins && chunk.data.starts_with(SHORT_HEADER)).count()
+}
+
+/// A board that has been switched on and has brought its scanner up; it is told so with the first scan that is played.
 pub fn running_board() -> (Emulator, Scanner) {
     let mut board = Emulator::start(&image(Image::Board), &Options::default()).expect("a board");
     let mut scanner = Scanner::waiting_at(9_600);
+    scanner.holds_start = true;
     let up = board.converse(&mut scanner, Duration::from_secs(60), |scanner| scanner.mode == Mode::Continuous);
     assert!(up.expect("a running board"), "the bring-up got as far as {:x?}", scanner.understood);
     (board, scanner)
@@ -41,22 +62,9 @@ pub fn rest(after: &[Chunk]) -> Step<'static> {
     Step::Do(end + 500_000_000, Box::new(|_, _| Ok(())))
 }
 
-/// Stops the survey and waits until every scan has its profile or was announced as skipped; the status after that, which counts everything.
+/// Stops the survey; the status after that, which counts everything.
 pub fn stop(board: &mut Emulator) -> Status {
-    let from = board.link.len();
-    board.command(&Command::Stop).expect("a running board");
-    let limit = Duration::from_secs(60);
-    let stopped = |message: &Message<'_>| matches!(message, Message::Session(Session::Stopped(_))).then_some(());
-    board.link.wait_for(from, limit, stopped).expect("the survey stops");
-    let scans = board.link.collect(|message| matches!(message, Message::Scan(_)).then_some(())).len();
-    let mut profiles = 0;
-    let last = |message: &Message<'_>| {
-        profiles += usize::from(matches!(message, Message::Profile(_) | Message::Skip(Skip::Scan(_))));
-        (profiles == scans).then_some(())
-    };
-    let (at, ()) = board.link.wait_for(0, limit, last).expect("a profile or a reason for every scan");
-    let status = |message: &Message<'_>| if let Message::Status(status) = message { Some(*status) } else { None };
-    board.link.wait_for(at, limit, status).expect("a status").1
+    board.stop(Duration::from_secs(60)).expect("the survey stops")
 }
 
 /// What the board has told in words, and when.

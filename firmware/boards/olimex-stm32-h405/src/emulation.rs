@@ -4,6 +4,8 @@
 //! [`detect`]: clocks are not to be switched (QEMU's RCC has no ready flags), timers 2 to 5 run from 1 GHz, lines have no
 //! rate of their own (`uart.rs`), and the pulse per second, which has no pin in QEMU, arrives as a byte on UART5.
 
+use core::hint::black_box;
+
 use embassy_stm32::pac;
 use embassy_stm32::pac::flash::vals::Latency;
 
@@ -25,4 +27,25 @@ pub fn detect() -> Platform {
         Latency::WS5 => Platform::Silicon,
         _ => Platform::Emulated,
     }
+}
+
+/// Makes the board fail as it never should, so that tests see what it then says of itself. Called for bytes of UART5, which
+/// only the emulated board listens to.
+pub fn provoke(byte: u8) {
+    match byte {
+        0xf0 => panic!("provoked by the bench"),
+        0xf1 => cortex_m::asm::udf(),
+        0xf2 => {
+            black_box(descend(black_box(u32::MAX)));
+        }
+        _ => {}
+    }
+}
+
+/// Takes stack until there is none.
+#[expect(unconditional_recursion, reason = "it is to overflow the stack")]
+#[inline(never)]
+fn descend(depth: u32) -> u32 {
+    let frame = black_box([depth; 32]);
+    descend(frame[7].wrapping_sub(1)).wrapping_add(frame[3])
 }

@@ -6,7 +6,8 @@
 //! 32-bit captures through a 16-bit view, hence the registers.
 //!
 //! QEMU has no pin for it. There, a byte on UART5 is the pulse, stamped like any byte; or, where the host's scheduling is not to
-//! show in the stamps, [`CAPTURED`] and four bytes (low first): the counter's value as a timer would have captured it.
+//! show in the stamps, [`CAPTURED`] and four bytes (low first): the counter's value as a timer would have captured it. A byte that
+//! [`emulation::provoke`] knows makes the board fail on purpose.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -18,7 +19,7 @@ use embassy_stm32::pac::timer::vals::{CcmrInputCcs, FilterValue};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 
-use crate::time;
+use crate::{emulation, time};
 
 /// Edges not yet read: one a second comes, and what a bouncing contact makes of it.
 static EDGES: Channel<CriticalSectionRawMutex, u32, 8> = Channel::new();
@@ -110,7 +111,10 @@ fn UART5() {
                 MISSING.store(4, Ordering::Relaxed);
                 None
             }
-            0 => Some(stamp),
+            0 => {
+                emulation::provoke(byte);
+                Some(stamp)
+            }
             missing => {
                 let value = PARTIAL.load(Ordering::Relaxed) >> 8 | u32::from(byte) << 24;
                 PARTIAL.store(value, Ordering::Relaxed);

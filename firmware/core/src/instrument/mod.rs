@@ -14,6 +14,7 @@ mod decode;
 mod event;
 mod line;
 mod survey;
+mod waiting;
 
 pub use decode::{ClockReplay, Decode, Identity, Losses, RESTART_TEXT};
 pub use event::Event;

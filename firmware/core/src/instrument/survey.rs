@@ -11,9 +11,10 @@ use crossfall_protocol::Config;
 use crossfall_protocol::message::{Message, Profile, Session};
 
 use super::Event;
+use super::waiting::Waiting;
 use crate::attitude::History;
 use crate::profile;
-use crate::scan::{KNOTS, RawScan, RollTrack};
+use crate::scan::{KNOTS, RollTrack};
 
 /// Scans that may wait for their attitude.
 pub const WAITING: usize = 8;
@@ -24,7 +25,7 @@ pub struct Survey {
     config: Config,
     running: bool,
     history: History,
-    waiting: heapless::Deque<RawScan, WAITING>,
+    waiting: Waiting,
     work: profile::Workspace,
 }
 
@@ -42,39 +43,56 @@ impl Survey {
             config: Config::default(),
             running: false,
             history: History::default(),
-            waiting: heapless::Deque::new(),
+            waiting: Waiting::new(),
             work: profile::Workspace::new(),
         }
     }
 
     /// Takes one event in the order of the stream; those that are no input of the survey change nothing.
     pub fn take(&mut self, event: &Event<'_>, out: &mut impl FnMut(Profile)) {
+        if let Some(profile) = self.accept(event) {
+            out(profile);
+        }
+        while let Some(profile) = self.next_profile() {
+            out(profile);
+        }
+    }
+
+    /// The same for one who takes profiles singly: the profile that the event pushes out, if it does. [`Survey::next_profile`] is then to be called
+    /// until it has no more, before the next event.
+    #[must_use]
+    pub fn accept(&mut self, event: &Event<'_>) -> Option<Profile> {
         match event {
             Event::Scan(scan) if self.running => {
-                if self.waiting.is_full() {
-                    self.measure_oldest(out);
-                }
-                let _ = self.waiting.push_back((*scan).clone());
-                self.measure_ready(out);
+                let pushed_out = if self.waiting.is_full() { self.measure_oldest() } else { None };
+                self.waiting.push(scan);
+                return pushed_out;
             }
-            Event::Message(Message::Pose(pose)) => {
-                self.history.push(pose);
-                self.measure_ready(out);
-            }
+            Event::Message(Message::Pose(pose)) => self.history.push(pose),
             Event::Message(Message::Config(config)) => self.config = *config,
             Event::Message(Message::Session(Session::Started(_))) => {
                 self.history.clear();
                 self.waiting.clear();
                 self.running = true;
             }
-            Event::Message(Message::Session(Session::Stopped(_))) => {
-                while !self.waiting.is_empty() {
-                    self.measure_oldest(out);
-                }
-                self.running = false;
-            }
+            Event::Message(Message::Session(Session::Stopped(_))) => self.running = false,
             Event::Scan(_) | Event::Message(_) => {}
         }
+        None
+    }
+
+    /// The profile of the oldest scan, if its attitude is there or nothing more is to come.
+    #[must_use]
+    pub fn next_profile(&mut self) -> Option<Profile> {
+        let scan = self.waiting.oldest()?;
+        if self.running {
+            let start = scan.start(self.config.scanner.delay_us);
+            let last_knot_us = RollTrack::knot_ns(scan, scan.turns() - 1, KNOTS - 1) / 1_000;
+            if !self.history.covers(start.offset(i64::from(last_knot_us))) {
+                return None;
+            }
+        }
+        self.measure_oldest()
     }
 
     /// Whether it is between a start and a stop.
@@ -89,24 +107,14 @@ impl Survey {
         self.waiting.len()
     }
 
-    fn measure_ready(&mut self, out: &mut impl FnMut(Profile)) {
-        while let Some(scan) = self.waiting.front() {
-            let start = scan.start(self.config.scanner.delay_us);
-            let last_knot_us = RollTrack::knot_ns(scan, scan.turns() - 1, KNOTS - 1) / 1_000;
-            if !self.history.covers(start.offset(i64::from(last_knot_us))) {
-                break;
-            }
-            self.measure_oldest(out);
-        }
-    }
-
-    fn measure_oldest(&mut self, out: &mut impl FnMut(Profile)) {
-        let Some(scan) = self.waiting.pop_front() else { return };
+    fn measure_oldest(&mut self) -> Option<Profile> {
+        let scan = self.waiting.oldest()?;
         let time = scan.start(self.config.scanner.delay_us);
-        let roll = self.history.over_scan(&scan, time, &self.config.attitude);
-        let (left, right, mut flags) = profile::measure(&scan, &roll.track, &self.config, &mut self.work);
+        let roll = self.history.over_scan(scan, time, &self.config.attitude);
+        let (left, right, mut flags) = profile::measure(scan, &roll.track, &self.config, &mut self.work);
         flags |= roll.flags;
-        let method = self.config.survey.method;
-        out(Profile { scan: scan.index, time, method, flags, roll: roll.nadir, left, right });
+        let (scan, method) = (scan.index, self.config.survey.method);
+        self.waiting.drop_oldest();
+        Some(Profile { scan, time, method, flags, roll: roll.nadir, left, right })
     }
 }

@@ -63,6 +63,7 @@ pub fn level(scan: &RawScan, track: &RollTrack, scanner: &Scanner, points: &mut 
 }
 
 /// The point at a range (below 2^29) in a direction, rounded to the nearest micrometre.
+#[inline(always)]
 fn place_at(range_um: i32, direction: Direction) -> Point {
     let scaled = |q30: i32| ((i64::from(-range_um) * i64::from(q30) + (1 << 29)) >> 30) as i32;
     Point { y_um: scaled(direction.cos_q30), z_um: scaled(direction.sin_q30) }

@@ -46,33 +46,42 @@ impl<'a> Sweep<'a> {
     }
 
     /// The direction of the next value.
+    #[inline(always)]
     pub fn advance(&mut self) -> Direction {
         let turn = self.turn;
         self.turn = if turn + 1 == self.turns { 0 } else { turn + 1 };
         let Some(pointer) = self.pointers.get_mut(turn) else { return AHEAD };
         if pointer.left == 0 {
             let beam = pointer.place * self.turns + turn;
-            let (step, left) = self.track.slope(self.scan, beam);
-            let (theta, degree) = match self.scanner.mirrored {
-                false => (self.scan.beam_angle(beam), DEGREE),
-                true => (Angle(i32::MIN) - self.scan.beam_angle(beam), Angle::ZERO - DEGREE),
-            };
-            let roll = self.track.roll(self.scan, beam);
-            pointer.direction = trig::direction(theta + roll + self.scanner.mounting_offset);
-            pointer.step = trig::direction(degree + step);
-            pointer.left = left;
+            *pointer = Pointer { place: pointer.place + 1, ..Pointer::at(beam, self.scan, self.track, self.scanner) };
         } else {
             pointer.left -= 1;
+            pointer.place += 1;
             pointer.direction = turned(pointer.direction, pointer.step);
         }
-        pointer.place += 1;
         pointer.direction
     }
 }
 
+impl Pointer {
+    /// Found anew for one beam, good up to the next knot.
+    #[inline(never)]
+    fn at(beam: usize, scan: &RawScan, track: &RollTrack, scanner: &Scanner) -> Self {
+        let (step, left) = track.slope(scan, beam);
+        let (theta, degree) = match scanner.mirrored {
+            false => (scan.beam_angle(beam), DEGREE),
+            true => (Angle(i32::MIN) - scan.beam_angle(beam), Angle::ZERO - DEGREE),
+        };
+        let direction = trig::direction(theta + track.roll(scan, beam) + scanner.mounting_offset);
+        Self { direction, step: trig::direction(degree + step), left, place: 0 }
+    }
+}
+
 /// A direction turned by another, each part rounded to the nearest 2^-30: products and their sums stay below 2^62.
+#[inline(always)]
 fn turned(direction: Direction, step: Direction) -> Direction {
-    let [c, s, dc, ds] = [direction.cos_q30, direction.sin_q30, step.cos_q30, step.sin_q30].map(i64::from);
+    let (c, s) = (i64::from(direction.cos_q30), i64::from(direction.sin_q30));
+    let (dc, ds) = (i64::from(step.cos_q30), i64::from(step.sin_q30));
     let rounded = |q60: i64| ((q60 + (1 << 29)) >> 30) as i32;
     Direction { cos_q30: rounded(c * dc - s * ds), sin_q30: rounded(s * dc + c * ds) }
 }

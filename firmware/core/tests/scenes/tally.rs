@@ -15,7 +15,9 @@ pub struct Errors {
     pub values: Vec<f64>,
     pub covered: usize,
     pub expected: usize,
+    /// Slopes where there is none, and of these the ones without a flag.
     pub invented: usize,
+    pub invented_unflagged: usize,
     /// Off by more than a degree, and of these the ones without any flag on their side.
     pub far: usize,
     pub far_unflagged: usize,
@@ -84,7 +86,10 @@ impl Tally {
                         errors.far_unflagged += usize::from(side.flags & (flags::DOUBTFUL | flags::OBSTRUCTED) == 0);
                     }
                 }
-                (Some(_), None) => errors.invented += 1,
+                (Some(_), None) => {
+                    errors.invented += 1;
+                    errors.invented_unflagged += usize::from(side.flags & (flags::DOUBTFUL | flags::OBSTRUCTED) == 0);
+                }
                 _ => {}
             }
         };

@@ -158,6 +158,7 @@ pub struct Ground {
 }
 
 /// How well a weighed sample fits level ground at a place: 288 on it, nothing from 3 sigma beyond a quarter of a degree of tilt on.
+#[inline(always)]
 fn on_level((u, z): (i32, i32), sample: &Sample, shift: u32) -> Option<u32> {
     let tilt = (sample.u.abs_diff(u) >> 8).min(1 << 10);
     let e = sample.z.abs_diff(z).min((1 << 15) - 1);

@@ -9,10 +9,10 @@ pub const INNER: i32 = millimetres(1_000);
 /// The first piece of road reaches this far out; each further one twice as far as the one before, with its line.
 const FIRST_REACH: i32 = millimetres(1_200);
 
-/// Until the road's end is known, every fourth sample is enough to follow it.
-const THINNING: usize = 4;
+/// Until the road's end is known, every fifth sample is enough to follow it.
+const THINNING: usize = 5;
 
-/// Every second one tells where it ends and how noisy it is; all of them count once the edge is known.
+/// every second one tells where it ends and how noisy it is; all of them count once the edge is known.
 const MEASURING: usize = 2;
 
 /// A departure is this many samples in a row beyond the threshold.
@@ -42,10 +42,8 @@ pub fn find(samples: &mut [Sample], noise: Noise) -> Option<Road> {
     let mut line = Line { u: 0, z: median_height(samples), slope_q30: 0 };
     let mut reach = FIRST_REACH;
     // Wide first: a cross slope of 5 degrees is 100 mm at the ends of the first piece.
-    for range in [millimetres(30)] {
-        let wide = Noise { range: range as u32, ..noise };
-        line = step(inside(samples, &line, reach), THINNING, &line, &wide)?.line;
-    }
+    let wide = Noise { range: millimetres(30) as u32, ..noise };
+    line = step(inside(samples, &line, reach), THINNING, &line, &wide)?.line;
     let mut noise = noise;
     let mut departed = 0;
     while reach < millimetres(30_000) {
@@ -84,15 +82,17 @@ impl Road {
     pub fn settle(&mut self, samples: &mut [Sample], edge: impl Fn(&Fit) -> i32) {
         let line = self.fit.line;
         let end = |fit: &Fit, samples: &[Sample]| inward_of(samples, fit.line.place_at(edge(fit).max(FIRST_REACH / 2)));
+        // Even numbers of samples, so that the same ones count on both sides of an end.
+        let end = |fit: &Fit, samples: &[Sample]| end(fit, samples) & !(MEASURING - 1);
         let first = end(&self.fit, samples);
         let part = samples.get_mut(..first).unwrap_or_default();
-        let shift = weigh(part, 1, &self.noise, line.slope_q14());
-        let sums = Sums::over(part, 1, &line, shift);
+        let shift = weigh(part, MEASURING, &self.noise, line.slope_q14());
+        let sums = Sums::over(part, MEASURING, &line, shift);
         let Some(fit) = sums.solve(&line, shift) else { return };
         let last = end(&fit, samples);
         let between = samples.get_mut(first.min(last)..first.max(last)).unwrap_or_default();
-        weigh_by(between, 1, &self.noise, line.slope_q14(), shift);
-        let change = Sums::over(between, 1, &line, shift);
+        weigh_by(between, MEASURING, &self.noise, line.slope_q14(), shift);
+        let change = Sums::over(between, MEASURING, &line, shift);
         let sums = if last < first { sums.minus(&change) } else { sums.plus(&change) };
         self.fit = sums.solve(&line, shift).unwrap_or(fit);
     }

@@ -47,7 +47,7 @@ pub fn measure(
     let shift = weigh(beyond, 1, noise, found.line.slope_q14());
     run = search::run(beyond, (run.first + run.last) / 2, &found.line, wanted.obstruction, shift);
     let part = beyond.get_mut(run.first..=run.last)?;
-    let fit = refit(part, &found.line, noise)?;
+    let fit = fit(part, 1, &found.line, shift)?;
     *noise = roughened(noise, &fit, part);
     let run = Run { first: run.first + from, last: run.last + from, score: run.score };
     Some(Found { fit, run })

@@ -20,6 +20,10 @@ const COUNTER: u32 = 0x4000_0c24;
 const SCANNER_DIVIDER: u32 = 0x4000_4808;
 const INS_DIVIDER: u32 = 0x4000_4c08;
 
+/// Status of UART5, which takes the pulse, and its flag for a byte that has not been read (USART_SR, RXNE; RM0090, 30.6.1).
+const PULSE_STATUS: u32 = 0x4000_5000;
+const UNREAD: u32 = 1 << 5;
+
 /// The monitor of a running machine.
 #[derive(Debug)]
 pub struct Monitor {
@@ -72,6 +76,11 @@ impl Monitor {
     /// As [`Monitor::word`].
     pub fn counter(&mut self) -> io::Result<u32> {
         self.word(COUNTER)
+    }
+
+    /// Whether a pulse's byte has reached its receiver and the board has not read it yet. Looking does not change that.
+    pub(super) fn pulse_waits(&mut self) -> io::Result<bool> {
+        Ok(self.word(PULSE_STATUS)? & UNREAD != 0)
     }
 
     /// The rate in baud to which the board has set the scanner's line: QEMU carries bytes at any rate, so a sensor that

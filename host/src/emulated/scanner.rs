@@ -56,6 +56,10 @@ pub struct Scanner {
     pub understood: Vec<Vec<u8>>,
     /// Refuse so many commands with a NAK before understanding the next.
     pub refusals: u32,
+    /// Acknowledge the start of the output, and report it done only when told to ([`Scanner::begin`]): a change of mode may take 3 s, and a
+    /// board that has been told of one misses scans that do not follow at once.
+    pub holds_start: bool,
+    held: Option<Answer>,
     power_on_baud: u32,
     heard: Vec<u8>,
     indices: [u8; 2],
@@ -77,6 +81,8 @@ impl Scanner {
             silent: false,
             understood: Vec::new(),
             refusals: 0,
+            holds_start: false,
+            held: None,
             power_on_baud: 9_600,
             heard: Vec::new(),
             indices: [0; 2],
@@ -89,6 +95,7 @@ impl Scanner {
         self.mode = Mode::OnRequest;
         self.variant = (180, 100);
         self.heard.clear();
+        self.held = None;
         self.indices = [0; 2];
         Answer { baud: self.baud, bytes: reply(0x90, b"LMS291;30106;V02.30 ") }
     }
@@ -105,6 +112,11 @@ impl Scanner {
             answers.extend(self.obey(&command));
         }
         answers
+    }
+
+    /// The answer to the start of the output that was held back, if one was.
+    pub fn begin(&mut self) -> Option<Answer> {
+        self.held.take()
     }
 
     /// Whether its scans reach the line.
@@ -204,7 +216,12 @@ impl Scanner {
             }
             _ => reply(0x92, &[]),
         };
-        answers.push(answer(body));
+        let answer = answer(body);
+        if self.holds_start && command == [0x20, 0x24] {
+            self.held = Some(answer);
+        } else {
+            answers.push(answer);
+        }
         answers
     }
 
@@ -278,6 +295,15 @@ mod tests {
         assert_eq!(scanner.baud, 500_000);
         assert!(scanner.hear(&START, 9_600).is_empty(), "noise at the old rate");
         assert_eq!(scanner.hear(&START, 500_000).len(), 2);
+    }
+
+    #[test]
+    fn a_start_that_is_held_is_answered_when_the_scans_come() {
+        let mut scanner = Scanner::waiting_at(500_000);
+        scanner.holds_start = true;
+        assert_eq!(scanner.hear(&START, 500_000), [Answer { baud: 500_000, bytes: vec![ACK] }]);
+        assert_eq!(scanner.begin(), Some(Answer { baud: 500_000, bytes: DONE.to_vec() }));
+        assert_eq!((scanner.begin(), scanner.is_sending()), (None, true));
     }
 
     #[test]

@@ -3,10 +3,10 @@
 use std::io;
 use std::time::{Duration, Instant};
 
-use crossfall::capture::{Channel, Chunk};
-
 use super::Emulator;
-use crate::lms_emulator::Scanner;
+use super::scanner::Scanner;
+use crate::capture::{Channel, Chunk};
+use crate::interrupt;
 
 /// How often the scanner listens.
 const LISTEN: Duration = Duration::from_millis(2);
@@ -34,11 +34,17 @@ impl Emulator {
     }
 
     /// Plays steps, which are in the order of their times, each at its time from now on by the board's own clock. The scanner answers
-    /// the board meanwhile; its bytes reach the board only while it sends scans and both agree on the line's rate.
+    /// the board meanwhile; its bytes reach the board only while it sends scans and both agree on the line's rate. `progress` is told the
+    /// microseconds played.
     ///
     /// # Errors
-    /// When QEMU has gone, or when the board's clock falls behind the host's tenfold.
-    pub fn play<'s>(&mut self, scanner: &mut Scanner, steps: impl IntoIterator<Item = Step<'s>>) -> io::Result<Played> {
+    /// When QEMU has gone, when the board's clock falls behind the host's tenfold, or when the user asks to stop.
+    pub fn play<'s>(
+        &mut self,
+        scanner: &mut Scanner,
+        steps: impl IntoIterator<Item = Step<'s>>,
+        mut progress: impl FnMut(u64),
+    ) -> io::Result<Played> {
         let begun = Instant::now();
         let start = self.monitor.counter()?;
         let mut clock = Elapsed { counter: start, us: 0, read: Instant::now() };
@@ -47,20 +53,29 @@ impl Emulator {
         for step in steps {
             let first_ns = *first_ns.get_or_insert(step.device_time_ns());
             let due_us = step.device_time_ns().saturating_sub(first_ns) / 1_000;
-            while clock.now_us() < due_us {
+            // Never early: the board itself has said that the time has come.
+            while clock.us < due_us {
+                if interrupt::requested() {
+                    return Err(io::ErrorKind::Interrupted.into());
+                }
                 if begun.elapsed() > PATIENCE + 10 * Duration::from_micros(due_us) {
                     return Err(io::Error::new(io::ErrorKind::TimedOut, "the board's clock hardly moves"));
                 }
-                self.answer(scanner, Duration::from_micros(due_us.saturating_sub(clock.now_us()).clamp(100, 5_000)))?;
-                if clock.read.elapsed() > LOOK {
+                let left_us = due_us.saturating_sub(clock.now_us());
+                self.answer(scanner, Duration::from_micros(left_us.clamp(50, 5_000)))?;
+                if left_us <= 5_000 || clock.read.elapsed() > LOOK {
                     clock.advance(self.monitor.counter()?);
                 }
             }
             played.latest = played.latest.max(Duration::from_micros(clock.now_us().saturating_sub(due_us)));
+            progress(due_us);
             match step {
                 Step::Do(_, act) => act(self, scanner)?,
                 Step::Bytes(Chunk { channel: Channel::Lidar, .. }) if !scanner.is_sending() => played.unsent += 1,
                 Step::Bytes(Chunk { channel: Channel::Lidar, data, .. }) => {
+                    if let Some(answer) = scanner.begin() {
+                        self.lidar.send(&answer.bytes)?;
+                    }
                     played.scans += 1;
                     self.lidar.send(&data)?;
                 }

@@ -3,10 +3,10 @@
 use std::io::Read;
 use std::net::TcpStream;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use crossfall_protocol::Message;
-use crossfall_protocol::frame::{Counters, Event, HostDecoder, Sequence};
+use crossfall_core::protocol::frame::{Counters, Event, HostDecoder, Sequence};
+use crossfall_core::protocol::message::Message;
 
 /// What the board has sent so far.
 #[derive(Debug)]
@@ -22,8 +22,8 @@ struct Shared {
 
 #[derive(Debug, Default)]
 struct State {
-    /// Each good frame as received, delimiter included.
-    frames: Vec<Vec<u8>>,
+    /// Each good frame as received, delimiter included, and when, in nanoseconds since the Unix epoch.
+    frames: Vec<(u64, Vec<u8>)>,
     sequence: Sequence,
     counters: Counters,
     closed: bool,
@@ -43,12 +43,14 @@ impl Collector {
                     std::thread::sleep(left);
                 }
                 let count = stream.read(&mut chunk).unwrap_or(0);
+                let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+                let receive_ns = u64::try_from(since.as_nanos()).unwrap_or(u64::MAX);
                 let mut state = reader.state();
                 let mut rest = &chunk[..count];
                 while let Some(event) = decoder.next(&mut rest) {
                     if let Event::Frame(frame) = event {
                         state.sequence.observe_message(frame.sequence, &frame.body);
-                        state.frames.push(frame.raw.to_vec());
+                        state.frames.push((receive_ns, frame.raw.to_vec()));
                     }
                 }
                 state.counters = decoder.counters();
@@ -83,6 +85,12 @@ impl Collector {
     /// Every whole frame so far, as received.
     #[must_use]
     pub fn frames(&self) -> Vec<Vec<u8>> {
+        self.shared.state().frames.iter().map(|(_, frame)| frame.clone()).collect()
+    }
+
+    /// The same, each with the time of its receipt in nanoseconds since the Unix epoch.
+    #[must_use]
+    pub fn stamped_frames(&self) -> Vec<(u64, Vec<u8>)> {
         self.shared.state().frames.clone()
     }
 
@@ -111,7 +119,7 @@ impl Collector {
         let mut at = from;
         let mut state = self.shared.state();
         loop {
-            while let Some(raw) = state.frames.get(at) {
+            while let Some((_, raw)) = state.frames.get(at) {
                 at += 1;
                 if let Some(answer) = with_message(raw, &mut choose) {
                     return Some((at, answer));

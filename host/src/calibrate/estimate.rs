@@ -1,0 +1,152 @@
+//! Offset and delay of one log.
+
+use crossfall_core::protocol::message::{Pose, flags};
+
+use super::ground::Ground;
+use super::{Drive, Estimate, LEAST_SCANS, Refusal, Sample, Surface, statistics};
+use crate::profiles::degrees;
+
+/// The delay is refused when its standard error is above this.
+const MAX_DELAY_SE_US: f64 = 2_000.0;
+
+/// The offset is refused when its standard error is above this.
+const MAX_OFFSET_SE_DEG: f64 = 0.1;
+
+/// Standard deviation of the mean cross slope of a road that one knows nothing about, in degrees (about 2 %).
+const ROAD_PRIOR_DEG: f64 = 1.15;
+
+/// What a unit's roll is off by, in degrees, one sigma: SPAN's published accuracy.
+pub const UNIT_ROLL_DEG: f64 = 0.017;
+
+/// Slower than this is parked, in metres a second.
+const PARKED_M_S: f64 = 0.1;
+
+/// Estimates offset and delay.
+///
+/// # Errors
+/// [`Refusal::TooFew`] when there is too little to say anything.
+pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample>), Refusal> {
+    let ground = Ground::new(drive);
+    let start_us = f64::from(drive.config.scanner.delay_us);
+    let before = ground.residuals(start_us);
+    let too_few = |usable: usize| Refusal::TooFew { usable, scans: drive.scans.len() };
+    if before.len() < LEAST_SCANS {
+        return Err(too_few(before.len()));
+    }
+    let mut delay_us = start_us;
+    let mut fit = statistics::regress(&before);
+    // Gauss-Newton: the residual is linear in the delay up to the curvature of the roll, so a few steps settle it. Without roll there is
+    // nothing to follow.
+    for _ in 0..6 {
+        let step_us = fit.slope.clamp(-30_000.0, 30_000.0);
+        if !(fit.slope_se <= 10.0 * MAX_DELAY_SE_US) || step_us.abs() < 0.5 {
+            break;
+        }
+        delay_us = (delay_us + step_us).clamp(-200_000.0, 200_000.0);
+        let points = ground.residuals(delay_us);
+        if points.len() < LEAST_SCANS {
+            return Err(too_few(points.len()));
+        }
+        fit = statistics::regress(&points);
+    }
+    let by_arrival = before.iter().filter(|point| point.flags & flags::TIME_BY_ARRIVAL != 0).count();
+    let timed = by_arrival * 2 <= before.len();
+    let delay_determined = timed && fit.slope_se <= MAX_DELAY_SE_US;
+    if !delay_determined {
+        delay_us = start_us;
+    }
+    let after = ground.residuals(delay_us);
+    let parked = is_parked(&drive.poses);
+    let level = statistics::mean(&after);
+    let (true_slope, prior_se, said) = match surface {
+        Surface::Known(degrees) => {
+            (degrees, 0.0, format!("the surface's slope was given: {degrees} degrees to the left"))
+        }
+        Surface::Assumed if parked => {
+            let said = "the vehicle stood: the surface under it is taken for level; a second log from the same spot in the opposite \
+                        direction would make sure";
+            (0.0, 0.0, said.to_owned())
+        }
+        Surface::Assumed => (
+            0.0,
+            ROAD_PRIOR_DEG,
+            format!("the road's mean cross slope is not known: +/-{ROAD_PRIOR_DEG} degrees are allowed for it"),
+        ),
+    };
+    let old_offset_deg = degrees(drive.config.scanner.mounting_offset);
+    let offset_deg = old_offset_deg + true_slope - level.mean;
+    let offset_se_deg = mean_se(&level).hypot(prior_se);
+    let rate = statistics::rms(after.iter().map(|point| point.rate_deg_us * 1e6));
+    let mut remarks = vec![said];
+    if !timed {
+        remarks.push(
+            "the delay cannot be told: most poses are timed by their arrival, as there were no pulses, and the inertial unit's \
+             own delay would pass for the scanner's"
+                .to_owned(),
+        );
+    } else if !delay_determined {
+        remarks.push(format!(
+            "the delay cannot be told: its standard error would be {:.0} us with the vehicle rolling at {rate:.2} degrees/s RMS; \
+             rock the vehicle, or drive longer",
+            fit.slope_se
+        ));
+    }
+    let offset_determined = offset_se_deg <= MAX_OFFSET_SE_DEG;
+    if !offset_determined {
+        remarks.push(format!(
+            "the offset is not known well enough to be used (standard error {offset_se_deg:.2} degrees); park on level ground, or give \
+             the cross slope"
+        ));
+    }
+    if drive.damage > 0 {
+        remarks.push(format!("{} damaged parts of the log were left out", drive.damage));
+    }
+    let residual_after_deg = statistics::deviation(after.iter().map(|point| point.slope_deg));
+    let residual_ranges_deg = statistics::rms(after.iter().map(|point| point.se_deg));
+    let estimate = Estimate {
+        roll_offset_deg: offset_deg,
+        roll_offset_se_deg: offset_se_deg,
+        offset_determined,
+        lidar_delay_us: delay_us,
+        lidar_delay_se_us: fit.slope_se,
+        delay_determined,
+        remarks,
+        parked,
+        scans: after.len(),
+        roll_rate_rms_deg_s: rate,
+        residual_before_deg: statistics::deviation(before.iter().map(|point| point.slope_deg)),
+        residual_after_deg,
+        residual_ranges_deg,
+        residual_rest_deg: (residual_after_deg.powi(2) - residual_ranges_deg.powi(2)).max(0.0).sqrt(),
+        azimuth_deg: azimuth(&drive.poses),
+    };
+    let samples = ground.samples(&before, &after, offset_deg - old_offset_deg);
+    Ok((estimate, samples))
+}
+
+/// What a record's mean is off by: the published accuracy without what was seen to move within the record, but no less than an autoregression
+/// makes of what moved; and the noise that is new with every scan.
+fn mean_se(level: &statistics::Mean) -> f64 {
+    let published = UNIT_ROLL_DEG * UNIT_ROLL_DEG;
+    let unseen = (published - level.slow_variance).max(0.0);
+    let slow = level.autoregressive_variance.max(unseen).min(published.max(level.slow_variance));
+    (slow + level.fast_variance).sqrt()
+}
+
+/// Whether the vehicle stood all the time, as far as its poses tell.
+fn is_parked(poses: &[Pose]) -> bool {
+    let speeds = poses.iter().filter_map(|pose| pose.fix).map(|fix| {
+        let [north, east, _] = fix.velocity_mm_s.map(|mm| f64::from(mm) * 1e-3);
+        north.hypot(east)
+    });
+    statistics::rms(speeds) < PARKED_M_S
+}
+
+/// Mean direction, as that of the sum of unit vectors.
+fn azimuth(poses: &[Pose]) -> f64 {
+    let (north, east) = poses.iter().fold((0.0, 0.0), |(north, east), pose| {
+        let azimuth = degrees(pose.azimuth).to_radians();
+        (north + azimuth.cos(), east + azimuth.sin())
+    });
+    east.atan2(north).to_degrees().rem_euclid(360.0)
+}

@@ -1,0 +1,307 @@
+//! `crossfall compare`: repeat drives against each other, a drive against measurements by hand, two attitude sources on one drive.
+//!
+//! Logs of one road are matched by station on the first one's track; the table gives the mean absolute variation of adjacent, opposing and all
+//! slopes, as the positions have it and after shifting the drives by what makes the slopes agree best. `--manual` holds each
+//! log against a table with the columns side, slope, slope_deg and station_m (or latitude_deg and longitude_deg). A capture with a second
+//! inertial unit (channel `ins2`) gives the mean and RMS difference of the two. Exit 1 when nothing could be matched.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use clap::ValueEnum;
+use crossfall::compare::attitude::{self, Comparison};
+use crossfall::compare::manual::{self, Manual};
+use crossfall::compare::{Agreement, Drive, Options, Repeat, Sides, repeat};
+use crossfall::container::Error;
+use crossfall::output;
+use crossfall::plot::{self, Courses, Twice, Words};
+
+use super::plot::Theme;
+use super::{Outcome, say, say_json, tell};
+
+/// Hold drives against each other, against measurements by hand, or two inertial units of one drive
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  crossfall compare monday.log.mcap tuesday.log.mcap wednesday.log.mcap
+  crossfall compare drive.log.mcap --manual inclinometer.csv --within 2 -o pictures
+  crossfall compare monday.log.mcap tuesday.log.mcap --over 10 --side left --json
+  crossfall compare two-units.mcap -o pictures")]
+pub struct Args {
+    /// Logs of one road, the first gives the stations; or one capture with a second inertial unit
+    #[arg(required = true, value_name = "LOG")]
+    files: Vec<PathBuf>,
+    /// Measurements by hand (CSV: side, slope, slope_deg, and station_m or latitude_deg, longitude_deg)
+    #[arg(long, value_name = "FILE")]
+    manual: Option<PathBuf>,
+    /// Compare magnitudes with --manual: for tables whose slopes have no sign
+    #[arg(long, requires = "manual")]
+    magnitudes: bool,
+    /// Slopes within this distance along the road are of the same place
+    #[arg(long, value_name = "METRES", default_value_t = 1.0)]
+    within: f64,
+    /// Compare medians over stretches of this length instead of single scans
+    #[arg(long, value_name = "METRES")]
+    over: Option<f64>,
+    /// Which sides of the road
+    #[arg(long, value_enum, default_value_t = Side::Both)]
+    side: Side,
+    /// Draw what was compared into this folder (repeat.svg, manual.svg, attitude.svg)
+    #[arg(short, long, value_name = "FOLDER")]
+    output: Option<PathBuf>,
+    /// Pictures for paper or for a screen
+    #[arg(long, value_enum, default_value_t = Theme::Light)]
+    theme: Theme,
+    /// Print the outcome for machines
+    #[arg(long)]
+    json: bool,
+}
+
+/// Which sides of the road.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Side {
+    Both,
+    Left,
+    Right,
+}
+
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    anyhow::ensure!(args.within > 0.0 && args.within <= 1e4, "--within = {}, expected a length in metres", args.within);
+    if let Some(over) = args.over {
+        anyhow::ensure!((0.1..=1e5).contains(&over), "--over = {over}, expected a length in metres from 0.1");
+    }
+    if let Some(folder) = &args.output {
+        std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+    }
+    if let [file] = &args.files[..]
+        && args.manual.is_none()
+    {
+        return units(args, file);
+    }
+    drives(args)
+}
+
+/// Two inertial units of one capture.
+fn units(args: &Args, file: &Path) -> anyhow::Result<Outcome> {
+    let found = match attitude::compare(file) {
+        Err(error @ Error::Content { .. }) => {
+            anyhow::bail!("{error}; one log alone has nothing to be held against: name a second one, or --manual")
+        }
+        other => other?,
+    };
+    anyhow::ensure!(found.poses > 0, "{}: no instant at which both units are timed by pulses", file.display());
+    for damage in &found.damage {
+        tell!("{damage}");
+    }
+    if args.json {
+        say_json(&serde_json::json!({ "attitude": found }))?;
+    } else {
+        say(&attitude_text(&found))?;
+    }
+    if found.untimed > 0 {
+        tell!("{} poses without a pulse to time them were left out", found.untimed);
+    }
+    if let Some(folder) = &args.output {
+        draw_attitude(&found, &folder.join("attitude.svg"), args.theme.into())?;
+    }
+    Ok(Outcome::lost_if(!found.damage.is_empty()))
+}
+
+fn attitude_text(found: &Comparison) -> String {
+    let mut text = format!("{:<8}{:>12}{:>12}{:>12}", "", "mean", "RMS", "most");
+    for (name, difference) in [("roll", found.roll), ("pitch", found.pitch)] {
+        text += &format!(
+            "\n{name:<8}{:>11.4}\u{b0}{:>11.4}\u{b0}{:>11.4}\u{b0}",
+            difference.mean_deg, difference.rms_deg, difference.most_deg
+        );
+    }
+    text += &format!("\nsecond unit less the first, RMS and most about the mean, at {} instants", found.poses);
+    if let (Some(lag), Some(se)) = (found.lag_us, found.lag_se_us) {
+        text += &format!("\nthe second unit's roll follows by {lag:.0} us, standard error {se:.0}");
+    }
+    text
+}
+
+/// Draws two units' roll and their difference.
+pub fn draw_attitude(found: &Comparison, path: &Path, theme: plot::Theme) -> anyhow::Result<()> {
+    let first: Vec<_> = found.samples.iter().map(|s| (s.seconds, s.first_deg)).collect();
+    let second: Vec<_> = found.samples.iter().step_by(10).map(|s| (s.seconds, s.second_deg)).collect();
+    let left: Vec<_> = found.samples.iter().map(|s| (s.seconds, s.second_deg - s.first_deg)).collect();
+    let end = left.last().map_or(1.0, |at| at.0);
+    let note = format!(
+        "difference: mean {:.3}\u{b0}, RMS about it {:.3}\u{b0}, {} instants",
+        found.roll.mean_deg, found.roll.rms_deg, found.poses
+    );
+    let picture = Courses {
+        title: "Roll by two inertial units",
+        note: &note.replace('-', "\u{2212}"),
+        first: ("unit in the vehicle", &first),
+        second: ("unit on the scanner", &second),
+        shown_s: (0.0, end.min(20.0)),
+        before: None,
+        left: ("second less first, the whole drive", &left),
+        left_axis: "difference, \u{b0}",
+    };
+    Ok(output::write(path, plot::courses(&picture, theme)?.as_bytes())?)
+}
+
+/// Repeat drives and measurements by hand.
+fn drives(args: &Args) -> anyhow::Result<Outcome> {
+    let options = Options {
+        sides: match args.side {
+            Side::Both => Sides::Both,
+            Side::Left => Sides::Left,
+            Side::Right => Sides::Right,
+        },
+        within_m: args.within,
+        over_m: args.over,
+    };
+    let measurements = args.manual.as_deref().map(manual::read).transpose()?;
+    let drives = args.files.iter().map(|path| Drive::read(path)).collect::<Result<Vec<_>, _>>()?;
+    let repeated = repeat(&drives, &options);
+    let by_hand: Vec<Manual> = measurements
+        .iter()
+        .flat_map(|list| drives.iter().map(|drive| manual::hold(drive, list, &options, args.magnitudes)))
+        .collect();
+    if args.json {
+        say_json(&serde_json::json!({ "repeat": repeated, "manual": by_hand }))?;
+    }
+    if let Some(repeated) = &repeated {
+        if !args.json {
+            say(&repeat_text(repeated))?;
+        }
+        for remark in &repeated.remarks {
+            tell!("{remark}");
+        }
+        if let Some(folder) = &args.output {
+            draw_repeat(repeated, &folder.join("repeat.svg"), args.theme.into())?;
+        }
+    }
+    if !by_hand.is_empty() {
+        if !args.json {
+            say(&manual_text(&by_hand))?;
+        }
+        if let Some(folder) = &args.output {
+            draw_manual(&by_hand, &folder.join("manual.svg"), args.theme.into())?;
+        }
+    }
+    for held in by_hand.iter().filter(|held| held.unmatched > 0) {
+        tell!("{}: {} measurements by hand have no slope within {} m", held.drive, held.unmatched, args.within);
+    }
+    let unmatched = repeated.as_ref().is_some_and(|repeated| repeated.all.matched == 0);
+    anyhow::ensure!(!unmatched, "no section of the drives is at the same place as one of {}", drives[0].name);
+    let none_by_hand = !by_hand.is_empty() && by_hand.iter().all(|held| held.all.matched == 0);
+    anyhow::ensure!(!none_by_hand, "no measurement by hand is at a place with a slope");
+    let damage: u64 = drives.iter().map(|drive| drive.damage).sum();
+    if damage > 0 {
+        tell!("{damage} damaged parts or gaps of the logs were passed over");
+    }
+    Ok(Outcome::lost_if(damage > 0))
+}
+
+fn repeat_text(found: &Repeat) -> String {
+    let mut text = format!(
+        "{:<34}{:>10}{:>10}{:>10}{:>10}{:>10}{:>9}",
+        "mean absolute variation", "adjacent", "opposing", "all", "expected", "pairs", "shift"
+    );
+    let mut line = |name: &str, [adjacent, opposing, all]: [&Agreement; 3], shift: Option<f64>| {
+        let expected = all.expected_deg.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}\u{b0}"));
+        let shift = shift.map_or_else(String::new, |metres| format!("{metres:+.2} m"));
+        let degrees = |agreement: &Agreement| format!("{:.3}\u{b0}", agreement.mean_absolute_deg);
+        text += &format!(
+            "\n{name:<34}{:>10}{:>10}{:>10}{expected:>10}{:>10}{shift:>9}",
+            degrees(adjacent),
+            degrees(opposing),
+            degrees(all),
+            all.matched
+        );
+    };
+    for pair in &found.pairs {
+        line(&shortened(&pair.drive), [&pair.adjacent, &pair.opposing, &pair.all], None);
+        if let Some(aligned) = &pair.aligned {
+            let values = [&aligned.adjacent, &aligned.opposing, &aligned.all];
+            line("  shifted along the road", values, Some(aligned.shift_m));
+        }
+    }
+    if found.pairs.len() > 1 {
+        line("all drives", [&found.adjacent, &found.opposing, &found.all], None);
+        if let Some(aligned) = &found.aligned {
+            line("  shifted along the road", [&aligned.adjacent, &aligned.opposing, &aligned.all], None);
+        }
+    }
+    text + &format!("\nagainst {}", found.reference)
+}
+
+fn manual_text(found: &[Manual]) -> String {
+    let mut text = format!(
+        "{:<34}{:>10}{:>10}{:>10}{:>10}{:>10}",
+        "mean absolute error against hand", "adjacent", "opposing", "all", "mean", "matched"
+    );
+    for held in found {
+        let degrees = |agreement: &Agreement| match agreement.matched {
+            0 => "-".to_owned(),
+            _ => format!("{:.3}\u{b0}", agreement.mean_absolute_deg),
+        };
+        text += &format!(
+            "\n{:<34}{:>10}{:>10}{:>10}{:>10}{:>10}",
+            shortened(&held.drive),
+            degrees(&held.adjacent),
+            degrees(&held.opposing),
+            degrees(&held.all),
+            format!("{:+.3}\u{b0}", held.all.mean_deg),
+            held.all.matched
+        );
+    }
+    text
+}
+
+/// The end of a long name, where names of files differ.
+fn shortened(name: &str) -> String {
+    let length = name.chars().count();
+    if length <= 33 {
+        name.to_owned()
+    } else {
+        format!("\u{2026}{}", name.chars().skip(length - 32).collect::<String>())
+    }
+}
+
+/// Draws repeat drives as the paper's figure 7b.
+pub fn draw_repeat(found: &Repeat, path: &Path, theme: plot::Theme) -> anyhow::Result<()> {
+    let dots: Vec<Twice> = found
+        .dots
+        .iter()
+        .map(|dot| Twice { kind: dot.kind, first_deg: dot.first_deg, other_deg: dot.other_deg, half_deg: None })
+        .collect();
+    let note = format!(
+        "mean absolute variation: adjacent {:.2}\u{b0}, opposing {:.2}\u{b0}, all {:.2}\u{b0}, {} pairs",
+        found.adjacent.mean_absolute_deg,
+        found.opposing.mean_absolute_deg,
+        found.all.mean_absolute_deg,
+        found.all.matched
+    );
+    let words = Words {
+        title: "Slopes of repeat drives",
+        note: &note,
+        first: "first drive, \u{b0}",
+        other: "other drives, \u{b0}",
+    };
+    Ok(output::write(path, plot::agreement(&dots, &words, theme)?.as_bytes())?)
+}
+
+/// Draws measurements by hand as the paper's figure 7a.
+pub fn draw_manual(found: &[Manual], path: &Path, theme: plot::Theme) -> anyhow::Result<()> {
+    let held = found.iter().flat_map(|manual| &manual.held);
+    let dots: Vec<Twice> = held
+        .map(|h| Twice { kind: h.slope, first_deg: h.manual_deg, other_deg: h.measured_deg, half_deg: None })
+        .collect();
+    let matched: usize = found.iter().map(|manual| manual.all.matched).sum();
+    let sum: f64 = found.iter().map(|manual| manual.all.mean_absolute_deg * manual.all.matched as f64).sum();
+    let note = format!("mean absolute error {:.2}\u{b0}, {matched} measurements", sum / matched.max(1) as f64);
+    let words = Words {
+        title: "Slopes by hand and by the scanner",
+        note: &note,
+        first: "by hand, \u{b0}",
+        other: "by the scanner, \u{b0}",
+    };
+    Ok(output::write(path, plot::agreement(&dots, &words, theme)?.as_bytes())?)
+}

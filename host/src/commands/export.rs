@@ -1,0 +1,31 @@
+//! `crossfall export`: a log for other viewers.
+
+use std::path::PathBuf;
+
+use super::progress::Progress;
+use super::{Outcome, distinct, tell};
+
+/// Write a log for other viewers (Foxglove)
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  crossfall export drive.log.mcap --foxglove drive.foxglove.mcap")]
+pub struct Args {
+    /// The log
+    log: PathBuf,
+    /// The MCAP file to write, with Foxglove's schemas: laser scan, point cloud, transform, location, and the profile as JSON
+    #[arg(long, value_name = "FILE")]
+    foxglove: PathBuf,
+}
+
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    distinct(&[&args.log], &args.foxglove)?;
+    let progress = Progress::new("export", std::fs::metadata(&args.log).map_or(0, |metadata| metadata.len()));
+    let made = crossfall::export::foxglove(&args.log, &args.foxglove, |offset| progress.at(offset))?;
+    drop(progress);
+    tell!("{}: {} profiles", args.foxglove.display(), made.profiles);
+    if made.damage > 0 {
+        tell!("{} damaged, broken or missing parts passed over; see `crossfall verify`", made.damage);
+    }
+    Ok(Outcome::lost_if(made.damage > 0))
+}

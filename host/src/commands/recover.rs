@@ -1,0 +1,97 @@
+//! `crossfall recover`: a whole, indexed log from a damaged one.
+//!
+//! Every frame that can be read or found in the damaged places goes into the new log, which is then read again and proved. What is lost is told
+//! exactly - frames, seconds, bytes, and where - and the exit status is 3 if anything is. Files of one recording given in their order become one log.
+
+use std::fs;
+use std::path::PathBuf;
+
+use crossfall::recover::{Loss, Report, recover};
+
+use super::progress::Progress;
+use super::{Outcome, distinct, say, say_json, tell};
+
+/// Rebuild a damaged log and tell exactly what is lost
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  crossfall recover torn.log.mcap -o drive.log.mcap
+  crossfall recover drive.log.mcap drive.log.part*.mcap -o whole.log.mcap")]
+pub struct Args {
+    /// The log, or the files of one recording in their order
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
+    /// The log to write
+    #[arg(short, long, value_name = "LOG")]
+    output: PathBuf,
+    /// Print the account for machines
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let inputs: Vec<_> = args.logs.iter().map(PathBuf::as_path).collect();
+    distinct(&inputs, &args.output)?;
+    for log in inputs.iter().filter(|log| crossfall::log::is_being_written(log)) {
+        tell!("{}: is being recorded: what is recovered ends with its last closed chunk", log.display());
+    }
+    let sizes: Vec<u64> = args.logs.iter().map(|log| fs::metadata(log).map_or(0, |metadata| metadata.len())).collect();
+    let progress = Progress::new("recover", sizes.iter().sum());
+    let report = recover(&args.logs, &args.output, |file, offset| {
+        progress.at(sizes[..file].iter().sum::<u64>() + offset);
+    })?;
+    drop(progress);
+    if args.json {
+        say_json(&report)?;
+        return Ok(Outcome::lost_if(report.lost));
+    }
+    for loss in &report.losses {
+        tell!("{}", line(loss));
+    }
+    let untold = report.loss_count.saturating_sub(report.losses.len() as u64);
+    if untold > 0 {
+        tell!("... and {untold} more");
+    }
+    for text in summary(&report) {
+        tell!("{text}");
+    }
+    let verdict = if report.lost { format!("lost: {}", lost(&report)) } else { "nothing is lost".to_owned() };
+    say(&format!(
+        "{}: {} frames, {:.1} s, proved by reading it again; {verdict}",
+        args.output.display(),
+        report.frames,
+        report.seconds
+    ))?;
+    Ok(Outcome::lost_if(report.lost))
+}
+
+fn line(loss: &Loss) -> String {
+    let frames = loss.frames.map_or("frames not known".to_owned(), |frames| format!("{frames} frames"));
+    let seconds = loss.seconds.map_or(String::new(), |seconds| format!(", at most {seconds:.3} s"));
+    let Loss { bytes, offset, what, .. } = loss;
+    format!("{} at byte {offset}: {frames}{seconds}, {bytes} bytes: {what}", loss.file.display())
+}
+
+fn lost(report: &Report) -> String {
+    let Report { frames_lost, seconds_lost, bytes_lost, .. } = report;
+    format!("{frames_lost} frames, at most {seconds_lost:.3} s, {bytes_lost} bytes of damaged places")
+}
+
+/// What numbers cannot tell.
+fn summary(report: &Report) -> Vec<String> {
+    let mut said = Vec::new();
+    if report.open_ends > 0 {
+        said.push(format!(
+            "files that were not closed: {}; what came after their last frame, at most 1 s, is not known",
+            report.open_ends
+        ));
+    }
+    if report.restarts > 0 {
+        said.push(format!("restarts of the board: {}; what it had not sent before is not known", report.restarts));
+    }
+    let elsewhere = report.frames_lost - report.frames_lost_in_file;
+    if elsewhere > 0 {
+        said.push(format!("of the frames lost, {elsewhere} never reached the log: the link, or the board, lost them"));
+    }
+    said
+}

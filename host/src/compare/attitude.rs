@@ -1,0 +1,213 @@
+//! Two attitude sources on one drive: does a unit inside the vehicle measure what one on the scanner does? (The median-slope paper's figure 2.)
+//!
+//! Both units' bytes go through the board's own decoder and are timed by the same pulses. The second unit's angles are brought to
+//! the instants of the first one's poses by a cubic through the four around each.
+
+use std::path::Path;
+
+use crossfall_core::instrument::{Decode, Event, Identity, Line};
+use crossfall_core::protocol::message::{Message, Pose};
+use crossfall_core::protocol::{Config, DeviceTime};
+use serde::Serialize;
+
+use crate::calibrate::statistics::{Residual, regress};
+use crate::capture::{Channel, Reader};
+use crate::container::Error;
+use crate::profiles::degrees;
+
+/// Poses further apart than this are not interpolated between, in microseconds.
+const LONGEST_GAP_US: i64 = 110_000;
+
+/// How two units agree in one angle.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Difference {
+    /// Mean of the second less the first, in degrees: how differently they are mounted.
+    pub mean_deg: f64,
+    /// Root mean square about that mean.
+    pub rms_deg: f64,
+    /// The greatest distance from that mean.
+    pub most_deg: f64,
+}
+
+/// Two units on one drive.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Comparison {
+    /// Instants that were compared.
+    pub poses: usize,
+    /// Roll.
+    pub roll: Difference,
+    /// Pitch.
+    pub pitch: Difference,
+    /// How much later the second unit's roll follows, in microseconds, and its standard error; absent when the vehicle hardly rolled.
+    pub lag_us: Option<f64>,
+    /// See `lag_us`.
+    pub lag_se_us: Option<f64>,
+    /// Poses of either unit that no pulse has timed; they are left out.
+    pub untimed: usize,
+    /// Damage of the capture, in words.
+    pub damage: Vec<String>,
+    /// The course of the drive, for the picture.
+    #[serde(skip)]
+    pub samples: Vec<Sample>,
+}
+
+/// One instant.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample {
+    /// Seconds since the first.
+    pub seconds: f64,
+    /// Roll by the first unit, in degrees.
+    pub first_deg: f64,
+    /// Roll by the second.
+    pub second_deg: f64,
+}
+
+/// A lag with a greater standard error is not told, in microseconds.
+const MAX_LAG_SE_US: f64 = 5_000.0;
+
+/// Compares the units of the channels `ins` and `ins2`.
+///
+/// # Errors
+/// When the capture cannot be read or has no second unit.
+pub fn compare(path: &Path) -> Result<Comparison, Error> {
+    let capture = Reader::open(path)?;
+    capture.require(Channel::Ins)?;
+    capture.require(Channel::Ins2)?;
+    let mut units = [Unit::default(), Unit::default()];
+    let mut damage = Vec::new();
+    for chunk in capture {
+        match chunk {
+            Ok(chunk) => {
+                let at_ns = chunk.device_time_ns;
+                match chunk.channel {
+                    Channel::Ins => units[0].bytes(at_ns, &chunk.data),
+                    Channel::Ins2 => units[1].bytes(at_ns, &chunk.data),
+                    Channel::Pps => units.iter_mut().for_each(|unit| unit.pulse(at_ns)),
+                    Channel::Lidar => {}
+                }
+            }
+            Err(Error::Interrupted) => return Err(Error::Interrupted),
+            Err(error) => damage.push(error.to_string()),
+        }
+    }
+    let [first, second] = &units;
+    Ok(Comparison { damage, ..hold(first, second) })
+}
+
+/// A unit's line and what came of it.
+struct Unit {
+    decode: Decode,
+    line: Line,
+    poses: Vec<Pose>,
+    untimed: usize,
+}
+
+impl Default for Unit {
+    fn default() -> Self {
+        let config = Config::default();
+        let decode = Decode::new(config, Identity::default());
+        Self { decode, line: Line::new(config.ins.baud), poses: Vec::new(), untimed: 0 }
+    }
+}
+
+impl Unit {
+    fn bytes(&mut self, at_ns: u64, bytes: &[u8]) {
+        let Self { decode, line, poses, untimed } = self;
+        for &byte in bytes {
+            let arrival = DeviceTime(line.take(at_ns) / 1_000);
+            decode.ins_byte(byte, arrival, &mut |event| take(&event, poses, untimed));
+        }
+    }
+
+    fn pulse(&mut self, at_ns: u64) {
+        self.decode.pulse(DeviceTime(at_ns / 1_000), &mut |_| ());
+    }
+}
+
+/// Keeps poses that a pulse has timed and that go on in time.
+fn take(event: &Event<'_>, poses: &mut Vec<Pose>, untimed: &mut usize) {
+    if let Event::Message(Message::Pose(pose)) = event {
+        if !pose.timed_by_pulse {
+            *untimed += 1;
+        } else if poses.last().is_none_or(|last| last.time < pose.time) {
+            poses.push(*pose);
+        }
+    }
+}
+
+fn hold(first: &Unit, second: &Unit) -> Comparison {
+    let (mut roll, mut pitch, mut samples) = (Vec::new(), Vec::new(), Vec::new());
+    let mut residuals = Vec::new();
+    let start = first.poses.first().map_or(0.0, seconds);
+    for (i, pose) in first.poses.iter().enumerate() {
+        let Some(other_roll) = at(&second.poses, pose.time, |pose| degrees(pose.roll)) else { continue };
+        let Some(other_pitch) = at(&second.poses, pose.time, |pose| degrees(pose.pitch)) else { continue };
+        let own_roll = degrees(pose.roll);
+        roll.push(wrapped(other_roll - own_roll));
+        pitch.push(wrapped(other_pitch - degrees(pose.pitch)));
+        let seconds = seconds(pose) - start;
+        samples.push(Sample { seconds, first_deg: own_roll, second_deg: own_roll + wrapped(other_roll - own_roll) });
+        // What a later second unit does to the difference: minus the roll rate for every microsecond.
+        let neighbours = i.checked_sub(1).and_then(|before| Some((first.poses.get(before)?, first.poses.get(i + 1)?)));
+        if let Some((before, after)) = neighbours {
+            let step_us = after.time.since(before.time) as f64;
+            let rate_deg_us = wrapped(degrees(after.roll) - degrees(before.roll)) / step_us;
+            let slope_deg = wrapped(other_roll - own_roll);
+            residuals.push(Residual { seconds, slope_deg, rate_deg_us, ..Residual::default() });
+        }
+    }
+    let lag = regress(&residuals);
+    let told = !residuals.is_empty() && lag.slope_se <= MAX_LAG_SE_US;
+    Comparison {
+        poses: roll.len(),
+        roll: Difference::of(&roll),
+        pitch: Difference::of(&pitch),
+        lag_us: told.then_some(lag.slope),
+        lag_se_us: told.then_some(lag.slope_se),
+        untimed: first.untimed + second.untimed,
+        damage: Vec::new(),
+        samples,
+    }
+}
+
+impl Difference {
+    fn of(values: &[f64]) -> Self {
+        let count = values.len().max(1) as f64;
+        let mean_deg = values.iter().sum::<f64>() / count;
+        let about = values.iter().map(|value| value - mean_deg);
+        Self {
+            mean_deg,
+            rms_deg: (about.clone().map(|d| d * d).sum::<f64>() / count).sqrt(),
+            most_deg: about.map(f64::abs).fold(0.0, f64::max),
+        }
+    }
+}
+
+fn seconds(pose: &Pose) -> f64 {
+    pose.time.0 as f64 * 1e-6
+}
+
+/// An angle of a unit at an instant, by Lagrange's cubic through the four poses around it.
+fn at(poses: &[Pose], time: DeviceTime, angle: fn(&Pose) -> f64) -> Option<f64> {
+    let after = poses.partition_point(|pose| pose.time < time);
+    let around = poses.get(after.checked_sub(2)?..after + 2)?;
+    if around.windows(2).any(|pair| pair[1].time.since(pair[0].time) > LONGEST_GAP_US) {
+        return None;
+    }
+    let nodes: Vec<(f64, f64)> =
+        around.iter().map(|pose| (pose.time.since(time) as f64, wrapped(angle(pose) - angle(&around[1])))).collect();
+    let sum: f64 = nodes
+        .iter()
+        .enumerate()
+        .map(|(i, (at, value))| {
+            let others = nodes.iter().enumerate().filter(|(j, _)| *j != i);
+            value * others.map(|(_, (other, _))| -other / (at - other)).product::<f64>()
+        })
+        .sum();
+    Some(angle(&around[1]) + sum)
+}
+
+/// A difference of angles, from -180 to 180 degrees.
+fn wrapped(difference_deg: f64) -> f64 {
+    (difference_deg + 180.0).rem_euclid(360.0) - 180.0
+}

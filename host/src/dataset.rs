@@ -1,0 +1,333 @@
+//! A data set of many drives: `road=NAME/date=YYYY-MM-DD/DRIVE.parquet`, the layout that DuckDB, Spark and pandas read as one table.
+//!
+//! A partition file is written whole or not at all, and one that is newer than its log is left as it is: a run that was stopped goes on where it was.
+//! The date is that of the first scan with a GPS time, in UTC.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc;
+
+use crate::intervals::{Every, Gather};
+use crate::output::{self, Output};
+use crate::profiles::{Row, Rows};
+use crate::table::{self, Format, Table};
+use crate::{container, interrupt};
+
+/// What the Hive convention calls a partition of rows without a value.
+const NONE: &str = "__HIVE_DEFAULT_PARTITION__";
+
+/// Seconds by which GPS time is ahead of UTC (since 2017).
+const LEAP_S: u64 = 18;
+
+/// A drive could not be taken in.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The log cannot be read.
+    #[error(transparent)]
+    Log(#[from] container::Error),
+    /// The partition cannot be written.
+    #[error(transparent)]
+    Output(#[from] output::Error),
+    /// The table cannot be written.
+    #[error("{}: {source}", path.display())]
+    Table {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: table::Error,
+    },
+    /// The user asked to stop.
+    #[error("interrupted")]
+    Interrupted,
+    /// Two logs would be written to one partition file.
+    #[error("{} and {}: two drives of one name on one road", one.display(), other.display())]
+    SameName {
+        /// A log.
+        one: PathBuf,
+        /// Another.
+        other: PathBuf,
+    },
+}
+
+/// A table that was written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Written {
+    /// Where it is.
+    pub path: PathBuf,
+    /// Its rows; nothing for one that was there already.
+    pub rows: Option<u64>,
+    /// Damaged, broken or missing parts of the log that were passed over.
+    pub damage: u64,
+    /// Rows that had no station and belong to no stretch.
+    pub unplaced: u64,
+}
+
+/// Writes one log's table, whole or not at all. `progress` is told how far the log has been read, in bytes.
+///
+/// Reading and writing run side by side.
+///
+/// # Errors
+/// When the log cannot be read or the file not be written, and when the user asks to stop.
+pub fn write(
+    log: &Path,
+    every: Option<Every>,
+    format: Format,
+    to: &Path,
+    progress: impl FnMut(u64) + Send,
+) -> Result<Written, Error> {
+    let rows = Rows::open(log)?;
+    let output = Output::create(to)?;
+    let (output, written) = stream(rows, every, format, output, progress).map_err(|error| match error {
+        Stopped::Table(source) => Error::Table { path: to.to_path_buf(), source },
+        Stopped::Interrupted => Error::Interrupted,
+    })?;
+    output.commit()?;
+    Ok(Written { path: to.to_path_buf(), ..written })
+}
+
+/// Why a table ended early.
+#[derive(Debug, thiserror::Error)]
+pub enum Stopped {
+    /// It cannot be written.
+    #[error(transparent)]
+    Table(#[from] table::Error),
+    /// The user asked to stop.
+    #[error("interrupted")]
+    Interrupted,
+}
+
+/// Writes rows to any sink, see [`write`]; gives the sink back.
+///
+/// # Errors
+/// When the sink fails or the user asks to stop.
+pub fn stream<W: std::io::Write + Send>(
+    rows: Rows,
+    every: Option<Every>,
+    format: Format,
+    out: W,
+    progress: impl FnMut(u64) + Send,
+) -> Result<(W, Written), Stopped> {
+    let mut count = 0;
+    let mut unplaced = 0;
+    let (out, damage) = match every {
+        None => {
+            let mut table = Table::new(format, out)?;
+            let damage = read_beside(rows, progress, |row| {
+                count += 1;
+                table.row(row)
+            })?;
+            (table.finish()?, damage)
+        }
+        Some(every) => {
+            let mut table = Table::new(format, out)?;
+            let mut gather = Gather::new(every);
+            let damage = read_beside(rows, progress, |row| match gather.row(row) {
+                Some(stretch) => {
+                    count += 1;
+                    table.row(&stretch)
+                }
+                None => Ok(()),
+            })?;
+            for stretch in gather.finish() {
+                count += 1;
+                table.row(&stretch)?;
+            }
+            unplaced = gather.unplaced();
+            (table.finish()?, damage)
+        }
+    };
+    Ok((out, Written { path: PathBuf::new(), rows: Some(count), damage, unplaced }))
+}
+
+/// Reads rows on a thread of their own and gives them to `take`; tells the damage passed.
+fn read_beside(
+    mut rows: Rows,
+    mut progress: impl FnMut(u64) + Send,
+    mut take: impl FnMut(&Row) -> Result<(), table::Error>,
+) -> Result<u64, Stopped> {
+    /// Rows that change hands at a time, and how many times that may wait.
+    const BATCH: usize = 2_048;
+    const WAITING: usize = 4;
+    std::thread::scope(|scope| {
+        let (sender, receiver) = mpsc::sync_channel::<Vec<Row>>(WAITING);
+        let reader = scope.spawn(move || {
+            loop {
+                let batch: Vec<Row> = rows.by_ref().take(BATCH).collect();
+                progress(rows.offset());
+                // Nobody takes rows any more once writing has failed.
+                if batch.is_empty() || sender.send(batch).is_err() {
+                    return rows.damage();
+                }
+            }
+        });
+        for batch in &receiver {
+            if interrupt::requested() {
+                return Err(Stopped::Interrupted);
+            }
+            for row in &batch {
+                take(row)?;
+            }
+        }
+        drop(receiver);
+        // A panic of the reader is this thread's as well.
+        Ok(reader.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+    })
+}
+
+/// Where a log's rows belong: road and date.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Partition {
+    /// Name of the road.
+    pub road: String,
+    /// `YYYY-MM-DD`, or nothing for a drive without GPS time.
+    pub date: Option<String>,
+    /// Name of the drive: its log's without extensions.
+    pub drive: String,
+}
+
+impl Partition {
+    /// The partition of a log. Without a name for the road it is that of the log's folder.
+    ///
+    /// # Errors
+    /// When the log cannot be read.
+    pub fn of(log: &Path, road: Option<&str>) -> Result<Self, container::Error> {
+        let folder = || {
+            let absolute = log.canonicalize().ok()?;
+            Some(absolute.parent()?.file_name()?.to_string_lossy().into_owned())
+        };
+        let road = road.map(str::to_owned).or_else(folder).unwrap_or_else(|| NONE.to_owned());
+        let gps = Rows::open(log)?.find_map(|row| row.position.gps);
+        let name = log.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let drive = name.strip_suffix(".mcap").unwrap_or(&name);
+        let drive = drive.strip_suffix(".log").unwrap_or(drive).to_owned();
+        Ok(Self { road, date: gps.map(|(week, seconds)| date(week, seconds as u64)), drive })
+    }
+
+    /// Its file within a data set.
+    #[must_use]
+    pub fn file(&self, dataset: &Path) -> PathBuf {
+        let date = self.date.as_deref().unwrap_or(NONE);
+        let folder = dataset.join(format!("road={}", escaped(&self.road))).join(format!("date={date}"));
+        folder.join(format!("{}.parquet", escaped(&self.drive)))
+    }
+}
+
+/// Takes logs into a data set, as many at a time as there are processors.
+///
+/// `progress` is told the bytes read of each log, `done` the outcome of each, in the order in which they end. One log that fails does not
+/// keep the others.
+///
+/// # Errors
+/// [`Error::SameName`], before anything is written.
+pub fn take_in(
+    logs: &[PathBuf],
+    road: Option<&str>,
+    every: Option<Every>,
+    dataset: &Path,
+    progress: impl Fn(usize, u64) + Sync,
+    done: impl Fn(usize, Result<Written, Error>) + Sync,
+) -> Result<(), Error> {
+    let mut names: BTreeMap<PathBuf, &PathBuf> = BTreeMap::new();
+    let mut work = Vec::new();
+    for (number, log) in logs.iter().enumerate() {
+        match Partition::of(log, road) {
+            Ok(partition) => {
+                let file = partition.file(dataset);
+                if let Some(other) = names.insert(file.clone(), log) {
+                    return Err(Error::SameName { one: other.clone(), other: log.clone() });
+                }
+                work.push((number, log, file));
+            }
+            Err(error) => done(number, Err(error.into())),
+        }
+    }
+    let next = AtomicUsize::new(0);
+    let workers = std::thread::available_parallelism().map_or(1, usize::from).min(work.len());
+    std::thread::scope(|scope| {
+        for _ in 0..workers {
+            scope.spawn(|| {
+                while let Some((number, log, file)) = work.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    if interrupt::requested() {
+                        break;
+                    }
+                    done(*number, partition(log, every, file, |offset| progress(*number, offset)));
+                }
+            });
+        }
+    });
+    Ok(())
+}
+
+fn partition(
+    log: &Path,
+    every: Option<Every>,
+    file: &Path,
+    progress: impl FnMut(u64) + Send,
+) -> Result<Written, Error> {
+    let changed = |path: &Path| fs::metadata(path).and_then(|found| found.modified());
+    if let (Ok(made), Ok(logged)) = (changed(file), changed(log))
+        && made > logged
+    {
+        return Ok(Written { path: file.to_path_buf(), rows: None, damage: 0, unplaced: 0 });
+    }
+    if let Some(folder) = file.parent() {
+        fs::create_dir_all(folder).map_err(|source| output::Error { path: folder.to_path_buf(), source })?;
+    }
+    write(log, every, Format::Parquet, file, progress)
+}
+
+/// A name as the Hive convention writes it into a path.
+fn escaped(name: &str) -> String {
+    let mut out = String::new();
+    for c in name.chars() {
+        if c.is_control() || "\"#%'*/:=?\\{}[]^".contains(c) {
+            let mut buffer = [0; 4];
+            c.encode_utf8(&mut buffer).bytes().for_each(|byte| out += &format!("%{byte:02X}"));
+        } else {
+            out.push(c);
+        }
+    }
+    // A name of dots would be a folder of the system's.
+    if out.chars().all(|c| c == '.') { out.replace('.', "%2E") } else { out }
+}
+
+/// The date in UTC of a second of a GPS week, by Hinnant's `civil_from_days`.
+pub(crate) fn date(week: u16, seconds: u64) -> String {
+    // 1980-01-06 is day 3657 since 1970-01-01.
+    let days = 3_657 + (u64::from(week) * 604_800 + seconds).saturating_sub(LEAP_S) / 86_400;
+    let shifted = days + 719_468;
+    let (era, day_of_era) = (shifted / 146_097, shifted % 146_097);
+    let year_of_era = (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let month_from_march = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
+    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
+    let year = year_of_era + era * 400 + u64::from(month <= 2);
+    format!("{year:04}-{month:02}-{day:02}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dates_are_those_of_the_calendar() {
+        // The start of GPS time; a leap day; the end of week 2400's Wednesday, 18 leap seconds apart from midnight.
+        assert_eq!(date(0, 18), "1980-01-06");
+        assert_eq!(date(1_051, 2 * 86_400 + 18), "2000-02-29");
+        assert_eq!(date(2_400, 259_200 + 17), "2026-01-06");
+        assert_eq!(date(2_400, 259_200 + 18), "2026-01-07");
+    }
+
+    #[test]
+    fn partitions_are_paths_that_hive_reads() {
+        let partition =
+            Partition { road: "I-80 / US=6".to_owned(), date: Some("2026-01-07".to_owned()), drive: "a b".to_owned() };
+        let path = partition.file(Path::new("set"));
+        assert_eq!(path, Path::new("set/road=I-80 %2F US%3D6/date=2026-01-07/a b.parquet"));
+        let nameless = Partition { road: "..".to_owned(), date: None, drive: "a".to_owned() };
+        assert_eq!(nameless.file(Path::new("")), Path::new("road=%2E%2E/date=__HIVE_DEFAULT_PARTITION__/a.parquet"));
+    }
+}

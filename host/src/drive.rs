@@ -1,0 +1,229 @@
+//! A whole drive in memory, small enough for a hundred miles: what reports and pictures are made of.
+//!
+//! Of every scan the slopes and the place are kept (96 bytes: 22 MB for a hundred miles), of sections at most [`SECTIONS`], evenly spread: when there
+//! are more, every second one is let go. The log is read once.
+
+use std::path::Path;
+
+use crossfall_core::protocol::Config;
+use crossfall_core::protocol::message::{Message, PulseVerdict, Session, Status, flags};
+
+use crate::container::Error;
+use crate::geodesy::Geodetic;
+use crate::interrupt;
+use crate::profiles::{degrees, host_flags, sides};
+use crate::section::Section;
+use crate::walk::Walk;
+
+/// Sections kept.
+pub const SECTIONS: usize = 240;
+
+/// Names of the four slopes, in the order of [`Scan::slopes`].
+pub const SLOPES: [&str; 4] = ["left adjacent", "left opposing", "right adjacent", "right opposing"];
+
+/// One scan, in short.
+#[derive(Clone, Copy, Debug)]
+pub struct Scan {
+    /// Its number.
+    pub number: u32,
+    /// GPS seconds of the week, NaN where not known.
+    pub gps_seconds: f64,
+    /// Metres along the track, NaN where not known.
+    pub station_m: f64,
+    /// Where the scanner was; NaN where not known.
+    pub place: Geodetic,
+    /// Roll at straight down, degrees.
+    pub roll_deg: f32,
+    /// The four slopes in degrees and the half widths of their intervals; NaN where not found.
+    pub slopes: [(f32, f32); 4],
+    /// Left and right edge of the road in metres, left positive; NaN where not found.
+    pub edges_m: [f32; 2],
+    /// Flags of the scan and of either side.
+    pub flags: u16,
+}
+
+/// A section that was kept.
+#[derive(Clone, Debug)]
+pub struct Kept {
+    /// Which of [`Drive::scans`].
+    pub scan: usize,
+    /// It.
+    pub section: Section,
+}
+
+/// How the instrument did.
+#[derive(Clone, Debug, Default)]
+pub struct Health {
+    /// Damaged, broken or missing parts of the log.
+    pub damage: u64,
+    /// Profiles whose scan is not in the log.
+    pub unmatched: u64,
+    /// Times that the board began anew.
+    pub boots: u64,
+    /// The last counters of the board.
+    pub status: Status,
+    /// Poses, and how many of them were timed by pulses.
+    pub poses: u64,
+    /// See `poses`.
+    pub poses_by_pulse: u64,
+    /// Poses whose state was good (3).
+    pub poses_good: u64,
+    /// Pulses accepted.
+    pub pulses: u64,
+    /// Pulses that fitted no second.
+    pub pulses_spurious: u64,
+    /// Drift of the board's clock in parts per million, the last known.
+    pub drift_ppm: Option<f64>,
+    /// Scans that have each flag, by its bit.
+    pub flagged: [u64; 16],
+}
+
+/// A drive.
+#[derive(Clone, Debug)]
+pub struct Drive {
+    /// Every scan that has a profile, in order.
+    pub scans: Vec<Scan>,
+    /// Sections, evenly spread over the scans.
+    pub sections: Vec<Kept>,
+    /// How the instrument did.
+    pub health: Health,
+    /// The last configuration in force.
+    pub config: Config,
+    /// Firmware and board, as they said.
+    pub identity: Option<(String, String)>,
+    /// GPS week of the first scan that has one.
+    pub gps_week: Option<u16>,
+}
+
+/// A drive could not be read.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// The log cannot be read.
+    #[error(transparent)]
+    Log(#[from] Error),
+    /// The user asked to stop.
+    #[error("interrupted")]
+    Interrupted,
+}
+
+impl Drive {
+    /// Reads a log. `progress` is told how far it has been read, in bytes.
+    ///
+    /// # Errors
+    /// When the log cannot be read at all, or the user asks to stop.
+    pub fn read(log: &Path, mut progress: impl FnMut(u64)) -> Result<Self, ReadError> {
+        let mut walk = Walk::open(log)?;
+        let mut drive = Self {
+            scans: Vec::new(),
+            sections: Vec::new(),
+            health: Health::default(),
+            config: Config::default(),
+            identity: None,
+            gps_week: None,
+        };
+        let mut spacing = 1;
+        loop {
+            let (health, config, identity) = (&mut drive.health, &mut drive.config, &mut drive.identity);
+            let Some(step) = walk.next(|message, _| note(message, health, config, identity)) else { break };
+            let position = step.position;
+            let [left, right] = sides(&step.profile, position);
+            let flags = left.flags | right.flags;
+            let pair = |slope: Option<crate::profiles::SlopeRow>| {
+                slope
+                    .map_or((f32::NAN, f32::NAN), |s| (s.slope_deg as f32, s.ci95_deg.map_or(f32::NAN, |ci| ci as f32)))
+            };
+            let number = drive.scans.len();
+            drive.gps_week = drive.gps_week.or(position.gps.map(|(week, _)| week));
+            drive.scans.push(Scan {
+                number: step.profile.scan,
+                gps_seconds: position.gps.map_or(f64::NAN, |(_, seconds)| seconds),
+                station_m: position.station_m.unwrap_or(f64::NAN),
+                place: position.geodetic.unwrap_or([f64::NAN; 3]),
+                roll_deg: degrees(step.profile.roll) as f32,
+                slopes: [pair(left.adjacent), pair(left.opposing), pair(right.adjacent), pair(right.opposing)],
+                edges_m: [left.edge_y_m, right.edge_y_m].map(|edge| edge.map_or(f32::NAN, |edge| edge as f32)),
+                flags,
+            });
+            for (bit, count) in drive.health.flagged.iter_mut().enumerate() {
+                *count += u64::from(flags >> bit & 1);
+            }
+            if number.is_multiple_of(spacing) {
+                drive.sections.push(Kept { scan: number, section: step.section() });
+                if drive.sections.len() > SECTIONS {
+                    let mut keep = false;
+                    drive.sections.retain(|_| {
+                        keep = !keep;
+                        keep
+                    });
+                    spacing *= 2;
+                }
+            }
+            if number.is_multiple_of(1_024) {
+                progress(walk.offset());
+                if interrupt::requested() {
+                    return Err(ReadError::Interrupted);
+                }
+            }
+        }
+        drive.health.damage = walk.damage();
+        drive.health.unmatched = walk.unmatched();
+        Ok(drive)
+    }
+
+    /// First and last station, where there are any.
+    #[must_use]
+    pub fn span_m(&self) -> Option<(f64, f64)> {
+        let known = || self.scans.iter().map(|scan| scan.station_m).filter(|station| station.is_finite());
+        Some((known().next()?, known().next_back()?))
+    }
+
+    /// Share of the scans in which a slope was found.
+    #[must_use]
+    pub fn found(&self, slope: usize) -> f64 {
+        let found = self.scans.iter().filter(|scan| scan.slopes.get(slope).is_some_and(|s| s.0.is_finite())).count();
+        found as f64 / self.scans.len().max(1) as f64
+    }
+
+    /// Whether nothing was lost on the way.
+    #[must_use]
+    pub fn is_whole(&self) -> bool {
+        self.health.damage == 0 && self.health.unmatched == 0 && crate::info::losses(&self.health.status).is_empty()
+    }
+
+    /// Scans that have a flag.
+    #[must_use]
+    pub fn flagged(&self, flag: u16) -> u64 {
+        self.health.flagged.get(flag.trailing_zeros() as usize).copied().unwrap_or_default()
+    }
+
+    /// Flags that speak of the instrument and not of the ground, with what they mean.
+    pub const OF_THE_INSTRUMENT: [(u16, &'static str); 7] = [
+        (flags::NO_ATTITUDE, "without attitude"),
+        (flags::ATTITUDE_HELD, "with attitude held past the last pose"),
+        (flags::ATTITUDE_DEGRADED, "with attitude of a degraded state"),
+        (flags::TIME_BY_ARRIVAL, "timed by arrivals, not by pulses"),
+        (flags::SCANNER_STATUS, "with a warning of the scanner"),
+        (host_flags::NO_POSITION, "without a position"),
+        (host_flags::STATION_ESTIMATED, "with an estimated station"),
+    ];
+}
+
+fn note(message: &Message<'_>, health: &mut Health, config: &mut Config, identity: &mut Option<(String, String)>) {
+    match message {
+        Message::Hello(hello) => *identity = Some((hello.firmware.to_owned(), hello.board.to_owned())),
+        Message::Config(now) => *config = *now,
+        Message::Session(Session::Started(_)) => health.boots += 1,
+        Message::Pose(pose) => {
+            health.poses += 1;
+            health.poses_by_pulse += u64::from(pose.timed_by_pulse);
+            health.poses_good += u64::from(pose.status == 3);
+        }
+        Message::Pulse(pulse) => match pulse.verdict {
+            PulseVerdict::Spurious => health.pulses_spurious += 1,
+            PulseVerdict::Accepted | PulseVerdict::Restarted => health.pulses += 1,
+        },
+        Message::Clock(clock) => health.drift_ppm = Some(f64::from(clock.drift) / 4_294.967_296),
+        Message::Status(status) => health.status = *status,
+        _ => {}
+    }
+}

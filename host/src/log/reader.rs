@@ -1,0 +1,398 @@
+//! Reading a log from start to wherever it ends.
+//!
+//! Three things lead to frames: the records of whole chunks; in a damaged chunk its records as far as they go, and every good frame that
+//! [`salvage`] finds in its bytes; and salvage again between a damaged record and the next chunk. Each damage is told once, before
+//! the frames found in it; the bytes of it that gave none are counted. A file that was closed ends with a CRC over everything before, which is compared when
+//! nothing else was wrong: no changed bit of a closed log goes unnoticed.
+//!
+//! Memory: one chunk, or one window of a stretch without structure.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::path::Path;
+
+use mcap::records::{Record, op};
+
+use super::{Error, Frame, TOPIC, WIRE_ID, salvage};
+use crate::container::{Container, Entry, Message};
+
+/// Bytes of a stretch without structure that are looked at in one go.
+const WINDOW: usize = 1 << 16;
+
+/// A record of bookkeeping longer than this hides something: an index has 16 bytes a frame, a chunk at most some thousands of these.
+const MAX_BOOKKEEPING: u64 = 1 << 20;
+
+/// Reads a log from start to end.
+///
+/// Errors are told where they occur; the frames behind them follow.
+#[derive(Debug)]
+pub struct Reader {
+    container: Container,
+    metadata: BTreeMap<String, BTreeMap<String, String>>,
+    wire: Option<u16>,
+    ready: VecDeque<Result<Message, Error>>,
+    /// Whether channels of another name are declared: then the file is no log, and no damaged one either.
+    foreign: bool,
+    /// What has no structure and is searched for frames.
+    stretch: Option<Stretch>,
+    /// Receive time of the latest frame.
+    latest_ns: u64,
+    /// Bytes of damaged places that gave no frame.
+    unread: u64,
+    /// Where the latest damage ends; 0 when there was none.
+    damaged_to: u64,
+    /// What `unread` was before it.
+    unread_before: u64,
+    /// Where the data section ends, and the CRC that it should have.
+    data_end: Option<(u64, u32)>,
+    done: bool,
+}
+
+/// Bytes that are searched for frames.
+#[derive(Debug)]
+struct Stretch {
+    begin: u64,
+    /// What has been searched.
+    at: u64,
+    end: u64,
+    /// Where the last frame found ends.
+    found_to: u64,
+    /// Bytes of the frames found, with their heads.
+    covered: u64,
+}
+
+impl Stretch {
+    fn new(begin: u64, end: u64) -> Self {
+        Self { begin, at: begin, end, found_to: begin, covered: 0 }
+    }
+}
+
+impl Reader {
+    /// Opens a log and reads up to its first frames.
+    ///
+    /// # Errors
+    /// When the file cannot be read, is no MCAP file, or one without the channel `wire`.
+    pub fn open(path: &Path) -> Result<Self, Error> {
+        let container = Container::open(path)?;
+        let mut reader = Self {
+            container,
+            metadata: BTreeMap::new(),
+            wire: None,
+            ready: VecDeque::new(),
+            foreign: false,
+            stretch: None,
+            latest_ns: 0,
+            unread: 0,
+            damaged_to: 0,
+            unread_before: 0,
+            data_end: None,
+            done: false,
+        };
+        while reader.ready.is_empty() && !reader.done {
+            reader.advance();
+        }
+        if reader.wire.is_none() && reader.ready.is_empty() {
+            let what = format!("not a log: it has no channel `{TOPIC}`");
+            return Err(Error::Content { path: path.to_path_buf(), what });
+        }
+        Ok(reader)
+    }
+
+    /// Metadata read so far, by name. What the writer wrote before the first frame is there from the start.
+    #[must_use]
+    pub fn metadata(&self) -> &BTreeMap<String, BTreeMap<String, String>> {
+        &self.metadata
+    }
+
+    /// Bytes of damaged places that gave no frame, so far.
+    #[must_use]
+    pub fn unread(&self) -> u64 {
+        self.unread
+    }
+
+    /// Where the damage ends that was told last (0 before any), and what [`Reader::unread`] was before it. Frames that come before this place were
+    /// found within it.
+    #[must_use]
+    pub fn damage(&self) -> (u64, u64) {
+        (self.damaged_to, self.unread_before)
+    }
+
+    /// Reads one record of the top level, or one window of a stretch without structure.
+    fn advance(&mut self) {
+        if let Some(stretch) = self.stretch.take() {
+            return self.search(stretch);
+        }
+        match self.container.next_entry() {
+            None => {
+                self.done = true;
+                self.check_all();
+            }
+            Some(Ok(entry)) => self.record(entry),
+            // A cut: what the last record was is not known, and may have been a chunk.
+            Some(Err(error @ Error::Cut { .. })) => {
+                let (from, size) = (self.container.reached(), self.container.size());
+                self.tell(error, size);
+                self.stretch = Some(Stretch::new(from, size));
+            }
+            Some(Err(error @ Error::Damaged { .. })) => self.go_on_behind(error),
+            Some(Err(error)) => {
+                self.done = true;
+                self.tell(error, 0);
+            }
+        }
+    }
+
+    fn record(&mut self, entry: Entry) {
+        match entry.opcode {
+            op::CHUNK => self.chunk(entry),
+            op::CHANNEL => self.channel(entry),
+            // Writers here put every message into a chunk; so it is another one's, or no message.
+            op::MESSAGE => self.message(entry),
+            op::METADATA => match self.container.body(entry).map(|body| parse_metadata(&body)) {
+                Ok(Some((name, entries))) => drop(self.metadata.insert(name, entries)),
+                Ok(None) => self.misread(entry, "a metadata record that is not readable"),
+                Err(error) => self.tell(error, entry.end()),
+            },
+            op::DATA_END => match self.container.body(entry) {
+                Ok(body) => {
+                    let crc = body.first_chunk().map_or(0, |bytes| u32::from_le_bytes(*bytes));
+                    self.data_end = Some((entry.offset, crc));
+                }
+                Err(error) => self.tell(error, entry.end()),
+            },
+            // Bookkeeping that is not needed here. A chunk may hide behind one flipped bit of an opcode, so what it says must fit its length.
+            _ if entry.length > MAX_BOOKKEEPING || !self.is_sound(entry) => {
+                self.misread(entry, "a record that does not say what its kind says");
+            }
+            _ => {}
+        }
+    }
+
+    fn chunk(&mut self, entry: Entry) {
+        let contents = self.container.contents(entry);
+        // What a damaged chunk says of channels is not believed.
+        let damaged = contents.error.is_some();
+        let trusted = !matches!(contents.error, Some(Error::Damaged { .. }));
+        self.channels(contents.channels.into_iter().filter(|_| trusted).map(|channel| (channel.id, channel.topic)));
+        if self.wire.is_none() && !self.foreign && !contents.messages.is_empty() {
+            self.wire = Some(WIRE_ID);
+            let what = format!("no record declares the channel `{TOPIC}`; number {WIRE_ID} is taken for it");
+            let error = self.container.damaged(entry.offset, what);
+            self.tell(error, entry.offset);
+        }
+        let wire = self.wire;
+        let messages: Vec<_> = contents.messages.into_iter().filter(|message| Some(message.channel) == wire).collect();
+        let Some(error) = contents.error.filter(|_| damaged) else {
+            return self.keep(messages);
+        };
+        let end = entry.end().min(self.container.size());
+        let unreadable = matches!(error, Error::Io { .. });
+        self.tell(error, end);
+        if self.foreign || unreadable {
+            return self.keep(messages);
+        }
+        // The chunk once more, by what its frames prove of themselves.
+        match self.container.bytes(entry.offset, (end - entry.offset) as usize) {
+            Ok(bytes) => {
+                let found = salvage::frames(&bytes, entry.offset, self.latest_ns);
+                // Writers here give a message one time twice: what has two and proves nothing is none.
+                let (messages, none): (Vec<_>, Vec<_>) = messages
+                    .into_iter()
+                    .partition(|message| message.log_time == message.publish_time || salvage::is_frame(&message.data));
+                let none: usize = none.iter().map(|message| salvage::HEAD + message.data.len()).sum();
+                let (all, extra) = merge(messages, found);
+                self.unread += (end - entry.offset + none as u64).saturating_sub(contents.read + extra);
+                self.keep(all);
+            }
+            Err(error) => self.tell(error, end),
+        }
+    }
+
+    fn channel(&mut self, entry: Entry) {
+        let contents = self.container.contents(entry);
+        match contents.error {
+            Some(_) => self.misread(entry, "a channel record that is not readable"),
+            None => self.channels(contents.channels.into_iter().map(|channel| (channel.id, channel.topic))),
+        }
+    }
+
+    fn message(&mut self, entry: Entry) {
+        let contents = self.container.contents(entry);
+        let ours = contents.messages.iter().all(|message| Some(message.channel) == self.wire);
+        if self.foreign || (contents.error.is_none() && ours) {
+            let wire = self.wire;
+            return self.keep(contents.messages.into_iter().filter(|message| Some(message.channel) == wire).collect());
+        }
+        self.misread(entry, "a message record that is not readable");
+    }
+
+    fn channels(&mut self, channels: impl Iterator<Item = (u16, String)>) {
+        for (id, topic) in channels {
+            if topic == TOPIC {
+                self.wire = Some(id);
+            } else {
+                self.foreign = true;
+            }
+        }
+    }
+
+    /// Whether a record of bookkeeping says what its kind says.
+    fn is_sound(&mut self, entry: Entry) -> bool {
+        let Ok(body) = self.container.body(entry) else { return false };
+        match entry.opcode {
+            // Its list must fill it: channel, length of the list, the list.
+            op::MESSAGE_INDEX => {
+                let list = body.get(2..).and_then(<[u8]>::first_chunk).map(|length| u32::from_le_bytes(*length));
+                list.is_some_and(|list| u64::from(list) + 6 == entry.length)
+            }
+            op::HEADER..=op::DATA_END => mcap::parse_record(entry.opcode, &body).is_ok(),
+            // Private records: allowed, and never written here.
+            _ => salvage::frames(&body, 0, 0).is_empty(),
+        }
+    }
+
+    /// A record that is not what it says: its bytes may be anything, and what follows may begin within it.
+    fn misread(&mut self, entry: Entry, what: &str) {
+        let error = self.container.damaged(entry.offset, what.to_owned());
+        if self.foreign {
+            self.tell(error, entry.end());
+        } else if self.container.goes_on() {
+            // Its length is right, whatever else is not.
+            self.tell(error, entry.end());
+            self.stretch = Some(Stretch::new(entry.offset, entry.end()));
+        } else {
+            self.go_on_behind(error);
+        }
+    }
+
+    /// Damage of the structure: the next chunk is looked for, and frames in between.
+    fn go_on_behind(&mut self, error: Error) {
+        let at = error.offset().unwrap_or_default();
+        let end = match self.container.resume() {
+            Ok(Some(next)) => next.max(at),
+            Ok(None) => {
+                self.container.close();
+                self.container.size()
+            }
+            Err(error) => {
+                self.done = true;
+                return self.tell(error, at);
+            }
+        };
+        self.tell(error, end);
+        if !self.foreign {
+            self.stretch = Some(Stretch::new(at, end));
+        }
+    }
+
+    /// One window of a stretch without structure. Windows overlap by the longest frame with its head.
+    fn search(&mut self, mut stretch: Stretch) {
+        let room = usize::try_from(stretch.end.saturating_sub(stretch.at)).unwrap_or(usize::MAX);
+        let last = room <= WINDOW;
+        let bytes = match self.container.bytes(stretch.at, room.min(WINDOW)) {
+            Ok(bytes) => bytes,
+            Err(error) => return self.tell(error, stretch.end),
+        };
+        let end = |message: &Message| message.offset + (salvage::HEAD + message.data.len()) as u64;
+        let mut found = salvage::frames(&bytes, stretch.at, self.latest_ns);
+        found.retain(|message| end(message) > stretch.found_to);
+        stretch.found_to = found.last().map_or(stretch.found_to, end);
+        stretch.covered += found.iter().map(|message| (salvage::HEAD + message.data.len()) as u64).sum::<u64>();
+        if self.wire.is_none() && !found.is_empty() {
+            self.wire = Some(WIRE_ID);
+        }
+        self.keep(found);
+        if last {
+            self.unread += (stretch.end - stretch.begin).saturating_sub(stretch.covered);
+            return;
+        }
+        // Behind the last delimiter a frame may be under way, and its head before that: the next window has both.
+        let reach = bytes.iter().rposition(|&byte| byte == 0).map_or(0, |last| last + 1);
+        let taken = reach.max(bytes.len() - salvage::LONGEST).saturating_sub(salvage::HEAD);
+        stretch.at += taken as u64;
+        self.stretch = Some(stretch);
+    }
+
+    /// The CRC over everything before the summary, when nothing else was wrong.
+    fn check_all(&mut self) {
+        let Some((end, expected)) = self.data_end.filter(|&(_, crc)| crc != 0 && self.damaged_to == 0) else { return };
+        match self.container.checksum(end) {
+            Ok(actual) if actual == expected => {}
+            Ok(actual) => {
+                let what = format!(
+                    "the CRC of all before is {actual:08X}, expected {expected:08X}: bytes outside of every frame have changed"
+                );
+                let error = self.container.damaged(end, what);
+                self.tell(error, end);
+            }
+            Err(error) => self.tell(error, end),
+        }
+    }
+
+    fn keep(&mut self, messages: Vec<Message>) {
+        for mut message in messages {
+            if message.log_time != message.publish_time {
+                message.log_time = salvage::choose(message.log_time, message.publish_time, self.latest_ns);
+            }
+            self.latest_ns = message.log_time;
+            self.ready.push_back(Ok(message));
+        }
+    }
+
+    /// Tells damage that ends at `to`.
+    fn tell(&mut self, error: Error, to: u64) {
+        (self.damaged_to, self.unread_before) = (to.max(1), self.unread);
+        self.ready.push_back(Err(error));
+    }
+}
+
+/// What records led to and what was found without them, in the order of the file. A frame that proves itself is believed before a record that overlaps
+/// it. Also the bytes of found frames to which no record led.
+fn merge(records: Vec<Message>, found: Vec<Message>) -> (Vec<Message>, u64) {
+    let extent = |message: &Message| message.offset..message.offset + (salvage::HEAD + message.data.len()) as u64;
+    let mut extra = 0;
+    let mut all: Vec<Message> = Vec::with_capacity(records.len());
+    let mut records = records.into_iter().peekable();
+    for good in found {
+        // In a compressed chunk all records have the chunk's own place; nothing is found there.
+        while let Some(record) = records.next_if(|record| extent(record).end <= good.offset) {
+            all.push(record);
+        }
+        let mut same = None;
+        while let Some(record) = records.next_if(|record| extent(record).start < extent(&good).end) {
+            if record.data == good.data {
+                same = Some(record);
+            }
+        }
+        extra += if same.is_some() { 0 } else { (salvage::HEAD + good.data.len()) as u64 };
+        all.push(same.unwrap_or(good));
+    }
+    all.extend(records);
+    (all, extra)
+}
+
+fn parse_metadata(body: &[u8]) -> Option<(String, BTreeMap<String, String>)> {
+    match mcap::parse_record(op::METADATA, body) {
+        Ok(Record::Metadata(found)) => Some((found.name, found.metadata)),
+        _ => None,
+    }
+}
+
+impl Iterator for Reader {
+    type Item = Result<Frame, Error>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            if let Some(ready) = self.ready.pop_front() {
+                return Some(ready.map(|Message { offset, log_time, data, .. }| Frame {
+                    offset,
+                    receive_ns: log_time,
+                    bytes: data,
+                }));
+            }
+            if self.done {
+                return None;
+            }
+            self.advance();
+        }
+    }
+}

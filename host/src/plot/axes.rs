@@ -1,0 +1,140 @@
+//! What the pictures of calibration, comparison and validation share: a title, a legend, axes in the project's style.
+
+use plotters::chart::ChartContext;
+use plotters::coord::Shift;
+use plotters::coord::types::RangedCoordf64;
+use plotters::prelude::*;
+
+use super::{Error, Palette, text};
+
+/// A panel with axes.
+pub type Chart<'a, DB> = ChartContext<'a, DB, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+
+/// What an axis shows.
+#[derive(Clone, Copy, Debug)]
+pub struct Axis<'a> {
+    /// From where to where.
+    pub range: (f64, f64),
+    /// What it is and its unit; empty for an axis without labels.
+    pub name: &'a str,
+    /// Digits behind the point.
+    pub digits: usize,
+}
+
+impl<'a> Axis<'a> {
+    /// An axis.
+    pub fn new(range: (f64, f64), name: &'a str, digits: usize) -> Self {
+        Self { range, name, digits }
+    }
+}
+
+/// How a mark looks in the legend.
+#[derive(Clone, Copy, Debug)]
+pub enum Mark {
+    /// A round dot.
+    Dot(RGBColor),
+    /// A ring.
+    Ring(RGBColor),
+    /// A line of a width.
+    Line(RGBColor, u32),
+}
+
+/// The title and a line below it.
+pub fn title<DB: DrawingBackend>(
+    area: &DrawingArea<DB, Shift>,
+    colours: &Palette,
+    title: &str,
+    note: &str,
+) -> Result<(), Error>
+where
+    DB::ErrorType: 'static,
+{
+    area.fill(&colours.ground)?;
+    area.draw(&Text::new(title.to_owned(), (24, 18), text(24, colours.text)))?;
+    area.draw(&Text::new(note.to_owned(), (24, 48), text(16, colours.text)))?;
+    Ok(())
+}
+
+/// What the marks mean, in a row; widths follow the names' lengths.
+pub fn legend<DB: DrawingBackend>(
+    area: &DrawingArea<DB, Shift>,
+    colours: &Palette,
+    (mut x, y): (i32, i32),
+    entries: &[(Mark, &str)],
+) -> Result<(), Error>
+where
+    DB::ErrorType: 'static,
+{
+    for (mark, name) in entries {
+        match mark {
+            Mark::Dot(colour) => area.draw(&Circle::new((x + 8, y), 4, colour.filled()))?,
+            Mark::Ring(colour) => area.draw(&Circle::new((x + 8, y), 4, colour.stroke_width(1)))?,
+            Mark::Line(colour, width) => {
+                area.draw(&PathElement::new([(x, y), (x + 22, y)], colour.stroke_width(*width)))?;
+            }
+        }
+        area.draw(&Text::new((*name).to_owned(), (x + 30, y - 7), text(16, colours.text)))?;
+        // About eight units a letter at this size.
+        x += 30 + 8 * name.chars().count() as i32 + 24;
+    }
+    Ok(())
+}
+
+/// Axes with a grid.
+pub fn axes<'a, DB: DrawingBackend + 'a>(
+    panel: &DrawingArea<DB, Shift>,
+    colours: &Palette,
+    x: &Axis<'_>,
+    y: &Axis<'_>,
+) -> Result<Chart<'a, DB>, Error>
+where
+    DB::ErrorType: 'static,
+{
+    let mut chart = ChartBuilder::on(panel)
+        .margin_top(6)
+        .margin_right(12)
+        .x_label_area_size(if x.name.is_empty() { 10 } else { 48 })
+        .y_label_area_size(72)
+        .build_cartesian_2d(x.range.0..x.range.1, y.range.0..y.range.1)?;
+    let (x_digits, y_digits) = (x.digits, y.digits);
+    let x_label = |value: &f64| if x.name.is_empty() { String::new() } else { number(*value, x_digits) };
+    let y_label = |value: &f64| number(*value, y_digits);
+    let mut mesh = chart.configure_mesh();
+    mesh.light_line_style(colours.ground)
+        .bold_line_style(colours.grid)
+        .axis_style(colours.faint)
+        .x_labels(11)
+        .y_labels(6)
+        .x_label_formatter(&x_label)
+        .y_label_formatter(&y_label)
+        .label_style(text(15, colours.text))
+        .axis_desc_style(text(16, colours.text))
+        .y_desc(y.name);
+    if !x.name.is_empty() {
+        mesh.x_desc(x.name);
+    }
+    mesh.draw()?;
+    Ok(chart)
+}
+
+/// A number with a proper minus, and none before what rounds to nothing.
+pub fn number(value: f64, digits: usize) -> String {
+    let size = format!("{:.digits$}", value.abs());
+    let nothing = size.bytes().all(|byte| matches!(byte, b'0' | b'.'));
+    if value < 0.0 && !nothing { format!("\u{2212}{size}") } else { size }
+}
+
+/// The least and the greatest of some values with a share of room around, and at least so far apart.
+pub fn span(values: impl Iterator<Item = f64>, least: f64, room: f64) -> (f64, f64) {
+    let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(value), high.max(value)));
+    if low > high {
+        return (-least / 2.0, least / 2.0);
+    }
+    let around = ((least - (high - low)).max(0.0) / 2.0).max((high - low) * room);
+    (low - around, high + around)
+}
+
+/// At most so many of a list, evenly spread: a picture does not get clearer by a hundred thousand dots.
+pub fn thinned<T>(items: &[T], most: usize) -> impl Iterator<Item = &T> {
+    items.iter().step_by(items.len().div_ceil(most.max(1)).max(1))
+}

@@ -1,0 +1,66 @@
+//! The ground under a rocked vehicle: as measured, with roll taken out, with roll and delay taken out (the median-slope paper's figure 6).
+//!
+//! The paper draws the three over each other; here each has a panel of its own with its own heights, as the last is a hundred times
+//! flatter than the first.
+
+use plotters::coord::Shift;
+use plotters::prelude::*;
+
+use super::axes::{Axis, axes, span, thinned, title};
+use super::{Error, Theme, text};
+use crate::calibrate::Layers;
+use crate::section::Place;
+
+const SIZE: (u32, u32) = (1200, 900);
+
+/// Dots of a panel beyond this many are thinned out.
+const MOST_DOTS: usize = 1_300;
+
+/// Draws the layers of a rock test as SVG.
+///
+/// # Errors
+/// When the drawing library fails.
+pub fn layers(layers: &Layers, heading: &str, note: &str, theme: Theme) -> Result<String, Error> {
+    let mut svg = String::new();
+    let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
+    draw(&area, layers, heading, note, theme)?;
+    area.present()?;
+    drop(area);
+    Ok(svg)
+}
+
+fn draw<DB: DrawingBackend>(
+    area: &DrawingArea<DB, Shift>,
+    layers: &Layers,
+    heading: &str,
+    note: &str,
+    theme: Theme,
+) -> Result<(), Error>
+where
+    DB::ErrorType: 'static,
+{
+    let colours = theme.palette();
+    title(area, &colours, heading, note)?;
+    let all: [(&str, &[Place], RGBColor); 3] = [
+        ("as measured", &layers.raw, colours.adjacent),
+        ("roll taken out, with the old calibration", &layers.compensated, colours.points),
+        ("roll taken out beam by beam, with the offset and delay found", &layers.corrected, colours.opposing),
+    ];
+    let panels = area.margin(76, 8, 12, 30).split_evenly((3, 1));
+    for (i, (panel, (name, places, colour))) in panels.iter().zip(all).enumerate() {
+        let rms_mm = Layers::deviation_m(places) * 1e3;
+        let about = format!("{name}: heights within {rms_mm:.0} mm RMS");
+        panel.draw(&Text::new(about, (84, 6), text(17, colour)))?;
+        let middle = places.iter().map(|(_, z)| z).sum::<f64>() / places.len().max(1) as f64;
+        let range = span(places.iter().map(|(_, z)| (z - middle) * 1e3), 20.0, 0.06);
+        let last = i + 1 == panels.len();
+        let x =
+            Axis::new((-3.0, 3.0), if last { "metres to the left (\u{2212}) and right of the sensor" } else { "" }, 1);
+        let y = Axis::new(range, "height, mm", 0);
+        let mut chart = axes(&panel.margin(26, 0, 0, 0), &colours, &x, &y)?;
+        // Seen from behind: the vehicle's left is on the left.
+        let dots = thinned(places, MOST_DOTS).map(|(y, z)| Circle::new((-y, (z - middle) * 1e3), 1, colour.filled()));
+        chart.draw_series(dots)?;
+    }
+    Ok(())
+}

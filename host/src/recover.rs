@@ -1,0 +1,396 @@
+//! Recovery: a whole, indexed log from any damage, and an exact account of what is lost.
+//!
+//! Every frame that can be read from the file, or found in its damaged places (see [`log::Reader`]), goes into a new log with its receive time.
+//! The account rests on three proofs: the frames' own numbers say how many are missing and where; the receive times around a hole say how long it is at
+//! most; and every byte of a damaged place that belongs to no recovered frame is counted. What no number can tell is said to be unknown: the end of
+//! a file that was not closed, and what a board had under way when it restarted.
+//!
+//! The new log is then read again from the disk: it must hold every frame, bit for bit, without damage, and verify as the account says. Only then is
+//! it done. The old files are only read. Several files of one recording become one log.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use crossfall_core::protocol::frame::{Event, Gap, HostDecoder, Sequence};
+use crossfall_core::protocol::message::Message;
+use serde::Serialize;
+
+use crate::container::Error as Damage;
+use crate::log::{self, metadata};
+use crate::verify::{self, verify};
+use crate::{config, output};
+
+/// Losses kept in words; all are counted.
+const KEPT: usize = 1_000;
+
+/// Why a recovery failed.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The log cannot be read, or holds nothing of one.
+    #[error(transparent)]
+    Log(#[from] Damage),
+    /// The new log cannot be written.
+    #[error(transparent)]
+    Output(#[from] output::Error),
+    /// The new log does not read back as it was written: the disk, or this program, is not to be trusted.
+    #[error("{}: does not read back as it was written: {what}; it is not to be used", path.display())]
+    Unproved {
+        /// The new log.
+        path: PathBuf,
+        /// What is different.
+        what: String,
+    },
+    /// The user asked to stop.
+    #[error("interrupted, nothing was written")]
+    Interrupted,
+}
+
+/// One hole.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Loss {
+    /// The file.
+    pub file: PathBuf,
+    /// Where in it, in bytes.
+    pub offset: u64,
+    /// Bytes of the file that gave no frame; 0 where the frames never reached the file.
+    pub bytes: u64,
+    /// Frames that are missing here, as their numbers say; none when they cannot say it.
+    pub frames: Option<u64>,
+    /// From the frame before to the frame behind, in receive time: what is lost is no more than this. None at the end of a file.
+    pub seconds: Option<f64>,
+    /// What was found.
+    pub what: String,
+}
+
+/// The account.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Report {
+    /// Whether anything is lost, or may be.
+    pub lost: bool,
+    /// Frames in the new log.
+    pub frames: u64,
+    /// Of these, frames that do not decode: as they came over the link, or hit within the file.
+    pub bad_frames: u64,
+    /// Seconds of receive time from the first to the last.
+    pub seconds: f64,
+    /// Frames that the numbers prove missing.
+    pub frames_lost: u64,
+    /// Of these, frames missing where the file is damaged; the others never reached it.
+    pub frames_lost_in_file: u64,
+    /// Seconds of receive time across all holes: an upper bound of what is lost.
+    pub seconds_lost: f64,
+    /// Bytes of damaged places that gave no frame.
+    pub bytes_lost: u64,
+    /// Files that do not end as a closed one does: what came after their last frame, at most one second, is unknown.
+    pub open_ends: u64,
+    /// Times that the board booted again: what was under way is unknown.
+    pub restarts: u64,
+    /// Places of the files that were damaged, with or without a loss.
+    pub damages: u64,
+    /// The holes, at most the first thousand.
+    pub losses: Vec<Loss>,
+    /// How many there are in all.
+    pub loss_count: u64,
+    /// Profiles in the new log, and of these recomputed bit for bit.
+    pub profiles: u64,
+    /// See `profiles`.
+    pub profiles_reproduced: u64,
+}
+
+impl Report {
+    fn note(&mut self, loss: Loss) {
+        self.loss_count += 1;
+        self.bytes_lost += loss.bytes;
+        self.seconds_lost += loss.seconds.unwrap_or_default();
+        if self.losses.len() < KEPT {
+            self.losses.push(loss);
+        }
+    }
+}
+
+/// Recovers the files of one recording, in their order, into a new log. `progress` is told the number of the file and the offset reached in it.
+///
+/// # Errors
+/// When nothing can be read at all, the new log cannot be written, or does not prove itself.
+pub fn recover(files: &[PathBuf], to: &Path, mut progress: impl FnMut(usize, u64)) -> Result<Report, Error> {
+    let mut recovery = Recovery {
+        log: log::Writer::create(to)?,
+        report: Report::default(),
+        decoder: HostDecoder::new(),
+        sequence: Sequence::new(),
+        hash: Hash::default(),
+        hole: None,
+        bad: 0,
+        span: None,
+        described: BTreeMap::new(),
+    };
+    for (number, file) in files.iter().enumerate() {
+        recovery.file(file, |offset| progress(number, offset))?;
+    }
+    let Recovery { mut log, mut report, hash, described, bad, sequence, .. } = recovery;
+    // Broken frames behind which none follows: no number says that they are missing.
+    report.frames_lost = sequence.missing() + bad;
+    report.lost = report.frames_lost > 0 || report.bytes_lost > 0 || report.open_ends > 0 || report.restarts > 0;
+    report.lost |= report.frames == 0;
+    for (name, entries) in described {
+        log.metadata(&name, entries)?;
+    }
+    log.metadata(metadata::RECOVERED, provenance(files, &report))?;
+    log.finish()?;
+    let proved = prove(to, report.frames, sequence.missing(), &hash)?;
+    (report.profiles, report.profiles_reproduced) = (proved.profiles, proved.profiles_reproduced);
+    Ok(report)
+}
+
+/// A hole under way: until a frame has come from behind it, and one whose time is not copied from before it.
+struct Hole {
+    file: PathBuf,
+    offset: u64,
+    /// Frames from before this place lie within it.
+    until: u64,
+    /// Whether the file is damaged here; else the frames never reached it.
+    in_file: bool,
+    /// Whether the file ends here, unclosed.
+    open_end: bool,
+    /// Frames that are missing, unless nobody can know.
+    frames: Option<u64>,
+    /// Receive time of the frame before the latest missing ones, while the time of the frame behind is not known.
+    since_ns: Option<u64>,
+    seconds: Option<f64>,
+    /// Bytes of the file that had given no frame before.
+    unread: u64,
+    what: String,
+}
+
+struct Recovery {
+    log: log::Writer,
+    report: Report,
+    decoder: HostDecoder,
+    sequence: Sequence,
+    hash: Hash,
+    hole: Option<Hole>,
+    /// Broken frames since the last good one.
+    bad: u64,
+    /// Receive time of the first and of the latest frame.
+    span: Option<(u64, u64)>,
+    /// Metadata of the old files that frames do not say, by name.
+    described: BTreeMap<String, BTreeMap<String, String>>,
+}
+
+impl Recovery {
+    fn file(&mut self, file: &Path, mut progress: impl FnMut(u64)) -> Result<(), Error> {
+        let mut reader = log::Reader::open(file)?;
+        while let Some(item) = reader.next() {
+            if crate::interrupt::requested() {
+                return Err(Error::Interrupted);
+            }
+            match item {
+                Ok(frame) => {
+                    progress(frame.offset);
+                    self.frame(file, &frame, reader.unread())?;
+                }
+                Err(error @ (Damage::Io { .. } | Damage::Interrupted)) => return Err(error.into()),
+                Err(error) => self.damage(file, &error, &reader),
+            }
+        }
+        for (name, entries) in reader.metadata() {
+            if !matches!(name.as_str(), metadata::PART | metadata::RECOVERED) {
+                // Frames know better who sent them.
+                self.described.entry(name.clone()).or_insert_with(|| entries.clone());
+            }
+        }
+        // Nothing behind it says what it cost.
+        self.close(reader.unread());
+        Ok(())
+    }
+
+    fn damage(&mut self, file: &Path, error: &Damage, reader: &log::Reader) {
+        self.report.damages += 1;
+        let open_end = matches!(error, Damage::Cut { .. });
+        let (damaged_to, unread) = reader.damage();
+        self.report.open_ends += u64::from(open_end);
+        let hole = self.hole.get_or_insert_with(|| Hole {
+            file: file.to_path_buf(),
+            offset: error.offset().unwrap_or_default(),
+            until: 0,
+            in_file: true,
+            open_end: false,
+            frames: Some(0),
+            since_ns: None,
+            seconds: None,
+            unread,
+            what: error.what(),
+        });
+        hole.until = hole.until.max(damaged_to);
+        hole.open_end |= open_end;
+        hole.in_file = true;
+    }
+
+    fn frame(&mut self, file: &Path, frame: &log::Frame, unread: u64) -> Result<(), Error> {
+        self.report.frames += 1;
+        let before = self.span.map(|(_, last)| last);
+        let first = self.span.map_or(frame.receive_ns, |(first, _)| first);
+        self.span = Some((first, frame.receive_ns));
+        self.report.seconds = frame.receive_ns.saturating_sub(first) as f64 * 1e-9;
+        let mut input = frame.bytes.as_slice();
+        let (mut gaps, mut rejected) = (Vec::new(), false);
+        let mut described = None;
+        while let Some(event) = self.decoder.next(&mut input) {
+            match event {
+                Event::Frame(found) => {
+                    gaps.push(self.sequence.observe_message(found.sequence, &found.body));
+                    described = describe(&found.body).or(described);
+                }
+                Event::Rejected(found) => {
+                    rejected = true;
+                    if let Some(sequence) = found.sequence {
+                        gaps.push(self.sequence.observe(sequence));
+                    }
+                }
+            }
+        }
+        rejected |= self.decoder.finish().is_some();
+        self.report.bad_frames += u64::from(rejected || gaps.is_empty());
+        if gaps.is_empty() {
+            self.bad += 1;
+        }
+        let good = !gaps.is_empty();
+        for gap in gaps {
+            self.missing(file, frame.offset, gap, before, unread);
+            self.bad = 0;
+        }
+        if let Some(hole) = &mut self.hole {
+            // A frame without a readable time carries that of the one before.
+            if let Some(since) = hole.since_ns.filter(|&since| since != frame.receive_ns) {
+                let more = frame.receive_ns.saturating_sub(since) as f64 * 1e-9;
+                hole.seconds = Some(hole.seconds.unwrap_or_default() + more);
+                hole.since_ns = None;
+            }
+            if good && frame.offset >= hole.until && hole.since_ns.is_none() {
+                self.close(unread);
+            }
+        }
+        if let Some((name, entries)) = described
+            && self.described.insert(name.to_owned(), entries.clone()).as_ref() != Some(&entries)
+        {
+            self.log.metadata(name, entries)?;
+        }
+        self.log.frame(frame.receive_ns, &frame.bytes)?;
+        self.hash.add(frame.receive_ns, &frame.bytes);
+        Ok(())
+    }
+
+    /// What a good frame's number says of what is missing before it.
+    fn missing(&mut self, file: &Path, offset: u64, gap: Gap, before: Option<u64>, unread: u64) {
+        let (count, what) = match gap {
+            Gap::None => return,
+            Gap::Missing(count) => (Some(u64::from(count)), "frames are missing".to_owned()),
+            Gap::Restarted => {
+                self.report.restarts += 1;
+                (None, "the board has restarted: what it had not sent is not known".to_owned())
+            }
+        };
+        let hole = self.hole.get_or_insert_with(|| Hole {
+            file: file.to_path_buf(),
+            offset,
+            until: offset,
+            in_file: false,
+            open_end: false,
+            frames: Some(0),
+            since_ns: None,
+            seconds: None,
+            unread,
+            what,
+        });
+        hole.frames = hole.frames.zip(count).map(|(frames, count)| frames + count);
+        hole.since_ns = hole.since_ns.or(before);
+        if hole.in_file {
+            self.report.frames_lost_in_file += count.unwrap_or_default();
+        }
+    }
+
+    /// The hole under way is over.
+    fn close(&mut self, unread: u64) {
+        let Some(Hole { file, offset, open_end, frames, seconds, unread: before, what, .. }) = self.hole.take() else {
+            return;
+        };
+        let bytes = unread.saturating_sub(before);
+        let frames = frames.filter(|_| !open_end);
+        // A damaged place all of whose frames are there costs nothing.
+        if (frames, bytes) != (Some(0), 0) {
+            self.report.note(Loss { file, offset, bytes, frames, seconds, what });
+        }
+    }
+}
+
+/// What metadata says of frames, from the frames.
+fn describe(message: &Message<'_>) -> Option<(&'static str, BTreeMap<String, String>)> {
+    match message {
+        Message::Hello(hello) => Some((
+            metadata::IDENTITY,
+            BTreeMap::from([
+                ("firmware".to_owned(), hello.firmware.to_owned()),
+                ("board".to_owned(), hello.board.to_owned()),
+                ("schema".to_owned(), format!("{:016x}", hello.schema)),
+            ]),
+        )),
+        Message::Config(found) => {
+            Some((metadata::CONFIG, BTreeMap::from([("toml".to_owned(), config::to_toml(found))])))
+        }
+        _ => None,
+    }
+}
+
+/// The account in the new log itself.
+fn provenance(files: &[PathBuf], report: &Report) -> BTreeMap<String, String> {
+    // Names and not paths: where they lay is nobody's business who gets the log.
+    let names: Vec<_> =
+        files.iter().filter_map(|file| file.file_name()).map(|name| name.to_string_lossy().into_owned()).collect();
+    BTreeMap::from([
+        ("from".to_owned(), names.join(", ")),
+        ("frames_lost".to_owned(), report.frames_lost.to_string()),
+        ("seconds_lost_at_most".to_owned(), format!("{:.3}", report.seconds_lost)),
+        ("bytes_lost".to_owned(), report.bytes_lost.to_string()),
+        ("open_ends".to_owned(), report.open_ends.to_string()),
+        ("restarts".to_owned(), report.restarts.to_string()),
+    ])
+}
+
+/// Count, times and bytes of frames in one number.
+#[derive(Default)]
+struct Hash {
+    frames: u64,
+    hasher: crc32fast::Hasher,
+}
+
+impl Hash {
+    fn add(&mut self, receive_ns: u64, bytes: &[u8]) {
+        self.frames += 1;
+        self.hasher.update(&receive_ns.to_le_bytes());
+        self.hasher.update(&(bytes.len() as u64).to_le_bytes());
+        self.hasher.update(bytes);
+    }
+}
+
+/// Reads the new log from the disk and holds it against what was written and reported.
+fn prove(path: &Path, frames: u64, missing: u64, written: &Hash) -> Result<verify::Report, Error> {
+    let unproved = |what: String| Error::Unproved { path: path.to_path_buf(), what };
+    let mut read = Hash::default();
+    for frame in log::Reader::open(path)? {
+        let frame = frame.map_err(|error| unproved(error.to_string()))?;
+        read.add(frame.receive_ns, &frame.bytes);
+    }
+    let sums = [&read, written].map(|hash| (hash.frames, hash.hasher.clone().finalize()));
+    if sums[0] != sums[1] {
+        return Err(unproved(format!("frames and their sum are {:X?}, expected {:X?}", sums[0], sums[1])));
+    }
+    let verified = verify(path, |_| ())?;
+    let found = (verified.frames, verified.missing_frames);
+    if found != (frames, missing) {
+        return Err(unproved(format!("{} frames and {} missing, expected {frames} and {missing}", found.0, found.1)));
+    }
+    Ok(verified)
+}
+
+#[cfg(test)]
+mod tests;

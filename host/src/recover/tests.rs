@@ -1,0 +1,155 @@
+use std::fs;
+
+use super::*;
+use crossfall_core::protocol::DeviceTime;
+use crossfall_core::protocol::frame::{MAX_MESSAGE_FRAME, Sequencer};
+use crossfall_core::protocol::message::{Pulse, PulseVerdict};
+
+const T: u64 = 1_790_000_000_000_000_000;
+const EVERY_NS: u64 = 20_000_000;
+
+/// Frames 20 ms apart: pulses, numbered from 0.
+fn frames(count: u64) -> Vec<Vec<u8>> {
+    let mut sequencer = Sequencer::new();
+    let pulses = (0..count).map(|i| Pulse { time: DeviceTime(i * 20_000), verdict: PulseVerdict::Accepted });
+    pulses
+        .map(|pulse| {
+            let mut out = [0; MAX_MESSAGE_FRAME];
+            let length = sequencer.message(&Message::Pulse(pulse), &mut out).unwrap();
+            out[..length].to_vec()
+        })
+        .collect()
+}
+
+fn write(path: &Path, frames: &[Vec<u8>]) {
+    let mut log = log::Writer::create_live(path).unwrap();
+    for (i, frame) in frames.iter().enumerate() {
+        log.frame(T + i as u64 * EVERY_NS, frame).unwrap();
+    }
+    log.finish().unwrap();
+}
+
+fn read(path: &Path) -> Vec<Vec<u8>> {
+    log::Reader::open(path).unwrap().map(|frame| frame.unwrap().bytes).collect()
+}
+
+struct Folder(tempfile::TempDir);
+
+impl Folder {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn recover(&self, name: &str) -> Report {
+        recover(&[self.path(name)], &self.path("out.mcap"), |_, _| ()).unwrap()
+    }
+}
+
+#[test]
+fn a_whole_log_loses_nothing() {
+    let folder = Folder::new();
+    let sent = frames(200);
+    write(&folder.path("a.mcap"), &sent);
+    let report = folder.recover("a.mcap");
+    assert!(!report.lost && report.losses.is_empty(), "{report:?}");
+    assert_eq!((report.frames, report.damages, report.bytes_lost), (200, 0, 0));
+    assert_eq!(read(&folder.path("out.mcap")), sent);
+}
+
+#[test]
+fn a_hit_frame_is_one_frame_lost_and_told_with_its_seconds_and_bytes() {
+    let folder = Folder::new();
+    let sent = frames(200);
+    let path = folder.path("a.mcap");
+    write(&path, &sent);
+    let mut bytes = fs::read(&path).unwrap();
+    let at = bytes.windows(sent[77].len()).position(|window| window == sent[77]).unwrap();
+    bytes[at + 3] ^= 0x20;
+    fs::write(&path, &bytes).unwrap();
+    let report = folder.recover("a.mcap");
+    assert!(report.lost);
+    assert_eq!((report.frames_lost, report.frames_lost_in_file, report.damages, report.restarts), (1, 1, 1, 0));
+    // The broken frame is kept as it is: it may be read by eye.
+    assert_eq!((report.frames, report.bad_frames), (200, 1));
+    // From the broken frame, whose time is known, to the next.
+    assert!((report.seconds_lost - 0.02).abs() < 1e-6, "{report:?}");
+    let out = read(&folder.path("out.mcap"));
+    assert_eq!((&out[..77], &out[78..]), (&sent[..77], &sent[78..]));
+}
+
+#[test]
+fn frames_that_never_reached_the_log_are_told_apart() {
+    let folder = Folder::new();
+    let mut sent = frames(100);
+    sent.drain(40..43);
+    write(&folder.path("a.mcap"), &sent);
+    let report = folder.recover("a.mcap");
+    assert_eq!((report.lost, report.frames_lost, report.frames_lost_in_file, report.damages), (true, 3, 0, 0));
+    assert_eq!(report.losses.len(), 1);
+    assert_eq!((report.losses[0].frames, report.losses[0].bytes), (Some(3), 0));
+}
+
+#[test]
+fn a_hole_in_the_file_is_told_by_its_bytes_frames_and_seconds() {
+    let folder = Folder::new();
+    let sent = frames(400);
+    let path = folder.path("a.mcap");
+    write(&path, &sent);
+    let mut bytes = fs::read(&path).unwrap();
+    let place = |n: usize| bytes.windows(sent[n].len()).position(|window| window == sent[n]).unwrap();
+    let (from, to) = (place(100), place(160));
+    bytes[from..to].fill(0);
+    fs::write(&path, &bytes).unwrap();
+    let report = folder.recover("a.mcap");
+    assert_eq!(report.frames_lost, 60, "{report:?}");
+    assert_eq!((report.frames_lost_in_file, report.open_ends), (60, 0));
+    assert!(report.bytes_lost > (to - from) as u64 / 2 && report.bytes_lost <= (to - from + 400) as u64, "{report:?}");
+    // At most: the frame behind the hole has lost its time, the next one has it.
+    assert!(report.seconds_lost >= 59.0 * 0.02 && report.seconds_lost < 62.0 * 0.02, "{report:?}");
+    let out = read(&folder.path("out.mcap"));
+    let kept: Vec<_> = out.into_iter().filter(|frame| log_frame(frame)).collect();
+    assert_eq!(kept, [&sent[..100], &sent[160..]].concat());
+}
+
+fn log_frame(frame: &[u8]) -> bool {
+    matches!(HostDecoder::new().next(&mut &frame[..]), Some(Event::Frame(_)))
+}
+
+#[test]
+fn files_of_one_recording_become_one_log() {
+    let folder = Folder::new();
+    let sent = frames(300);
+    let path = folder.path("a.mcap");
+    let options = log::Options { max_ns: 2_000_000_000, ..log::Options::default() };
+    let mut log = log::Writer::create_with(&path, options).unwrap();
+    for (i, frame) in sent.iter().enumerate() {
+        log.frame(T + i as u64 * EVERY_NS, frame).unwrap();
+    }
+    assert_eq!(log.parts(), 3);
+    log.finish().unwrap();
+    let files = [path, folder.path("a.part0002.mcap"), folder.path("a.part0003.mcap")];
+    let report = recover(&files, &folder.path("out.mcap"), |_, _| ()).unwrap();
+    assert!(!report.lost, "{report:?}");
+    assert_eq!(read(&folder.path("out.mcap")), sent);
+    // One is missing: exactly its frames are.
+    let report = recover(&[files[0].clone(), files[2].clone()], &folder.path("out.mcap"), |_, _| ()).unwrap();
+    assert_eq!((report.lost, report.frames_lost, report.frames_lost_in_file), (true, 100, 0));
+}
+
+#[test]
+fn a_file_that_was_not_closed_has_an_open_end() {
+    let folder = Folder::new();
+    let sent = frames(100);
+    let path = folder.path("a.mcap");
+    write(&path, &sent);
+    let bytes = fs::read(&path).unwrap();
+    let at = bytes.windows(sent[90].len()).position(|window| window == sent[90]).unwrap();
+    fs::write(&path, &bytes[..at + 2]).unwrap();
+    let report = folder.recover("a.mcap");
+    assert_eq!((report.lost, report.open_ends, report.frames), (true, 1, 90));
+    assert_eq!((report.frames_lost, report.losses[0].frames), (0, None), "{report:?}");
+}

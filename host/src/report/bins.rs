@@ -1,0 +1,131 @@
+//! The drive as a few hundred places along the road.
+
+use crate::drive::Drive;
+use crate::geodesy::Geodetic;
+use crate::intervals::{Estimate, Samples};
+
+use super::BINS;
+
+/// What is counted along the road.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unit {
+    /// Metres from the start.
+    Metres,
+    /// Scans from the start, for a drive without stations.
+    Scans,
+}
+
+impl Unit {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Metres => "m",
+            Self::Scans => "scans",
+        }
+    }
+}
+
+/// The places.
+#[derive(Debug)]
+pub struct Bins {
+    /// What is counted.
+    pub unit: Unit,
+    /// Where the first begins, in the unit.
+    pub from: f64,
+    /// Where the last ends.
+    pub to: f64,
+    /// The length of one.
+    pub width: f64,
+    /// Those that have scans, in order.
+    pub list: Vec<Bin>,
+}
+
+/// One place.
+#[derive(Clone, Debug)]
+pub struct Bin {
+    /// Its middle.
+    pub at: f64,
+    /// Scans in it.
+    pub scans: u64,
+    /// Where its first scan was.
+    pub place: Option<Geodetic>,
+    /// The four slopes, where found.
+    pub slopes: [Option<Estimate>; 4],
+}
+
+impl Bins {
+    /// Sorts a drive's scans into bins of a round length.
+    pub fn of(drive: &Drive) -> Self {
+        let (unit, from, to) = match drive.span_m() {
+            Some((from, to)) if to - from > 1.0 => (Unit::Metres, from, to),
+            _ => (Unit::Scans, 0.0, drive.scans.len() as f64),
+        };
+        let width = round_length((to - from).max(1.0) / BINS as f64);
+        let mut bins = Self { unit, from, to: to.max(from + 1.0), width, list: Vec::new() };
+        let mut open: Option<(i64, Bin, [Samples; 4])> = None;
+        for (i, scan) in drive.scans.iter().enumerate() {
+            let Some(at) = bins.place_of(drive, i) else { continue };
+            let number = ((at - from) / width).floor() as i64;
+            if open.as_ref().is_none_or(|(open, _, _)| *open != number) {
+                bins.close(open.take());
+                let bin = Bin { at: from + (number as f64 + 0.5) * width, scans: 0, place: None, slopes: [None; 4] };
+                open = Some((number, bin, Default::default()));
+            }
+            let Some((_, bin, samples)) = &mut open else { continue };
+            bin.scans += 1;
+            bin.place = bin.place.or(scan.place[0].is_finite().then_some(scan.place));
+            for (samples, (slope, ci95)) in samples.iter_mut().zip(scan.slopes) {
+                if slope.is_finite() {
+                    samples.push((f64::from(slope), if ci95.is_finite() { f64::from(ci95) / 1.96 } else { 0.0 }));
+                }
+            }
+        }
+        bins.close(open);
+        bins
+    }
+
+    fn close(&mut self, open: Option<(i64, Bin, [Samples; 4])>) {
+        if let Some((_, mut bin, samples)) = open {
+            bin.slopes = samples.map(|samples| samples.estimate());
+            self.list.push(bin);
+        }
+    }
+
+    /// Where a scan is along the road.
+    pub fn place_of(&self, drive: &Drive, scan: usize) -> Option<f64> {
+        match self.unit {
+            Unit::Scans => Some(scan as f64),
+            Unit::Metres => drive.scans.get(scan).map(|scan| scan.station_m).filter(|station| station.is_finite()),
+        }
+    }
+
+    /// Runs of neighbouring bins in which a slope was found.
+    pub fn runs(&self, slope: usize) -> impl Iterator<Item = Vec<(f64, Estimate)>> {
+        let found: Vec<_> = self.list.iter().filter_map(|bin| Some((bin.at, bin.slopes[slope]?))).collect();
+        let width = self.width;
+        let runs: Vec<_> = found.chunk_by(|a, b| b.0 - a.0 < 2.5 * width).map(<[_]>::to_vec).collect();
+        runs.into_iter()
+    }
+}
+
+/// The next of 1, 2, 5, 10, ... that is at least as long.
+pub fn round_length(least: f64) -> f64 {
+    let decade = 10_f64.powf(least.log10().floor());
+    [1.0, 2.0, 5.0]
+        .into_iter()
+        .map(|step| step * decade)
+        .find(|step| *step >= least * 0.999_999)
+        .unwrap_or(10.0 * decade)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lengths_are_round() {
+        for (least, length) in [(1.0, 1.0), (1.1, 2.0), (0.03, 0.05), (6.0, 10.0), (229.0, 500.0)] {
+            assert!((round_length(least) - length).abs() < 1e-9 * length, "{least}");
+        }
+    }
+}

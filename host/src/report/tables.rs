@@ -1,0 +1,191 @@
+//! What the report says in words and numbers.
+
+use std::fmt::Write;
+
+use super::{escaped, strip::thousands};
+use crate::drive::{Drive, SLOPES};
+use crate::intervals::{MILE_M, Samples};
+use crate::profiles::degrees;
+
+/// One line under the title: when, where, how far, with what.
+pub fn subtitle(drive: &Drive) -> String {
+    let mut parts = Vec::new();
+    let known: Vec<f64> = drive.scans.iter().map(|scan| scan.gps_seconds).filter(|s| s.is_finite()).collect();
+    if let (Some(week), Some(&first), Some(&last)) = (drive.gps_week, known.first(), known.last()) {
+        let clock = |seconds: f64| {
+            let s = (seconds - 18.0).rem_euclid(86_400.0) as u64;
+            format!("{:02}:{:02}:{:02}", s / 3_600, s / 60 % 60, s % 60)
+        };
+        parts.push(format!("{} {} to {} UTC", crate::dataset::date(week, first as u64), clock(first), clock(last)));
+    }
+    if let Some(scan) = drive.scans.iter().find(|scan| scan.place[0].is_finite()) {
+        let [latitude, longitude, _] = scan.place;
+        let letter = |value: f64, letters: [char; 2]| letters[usize::from(value < 0.0)];
+        parts.push(format!(
+            "from {:.5}\u{b0}\u{202f}{} {:.5}\u{b0}\u{202f}{}",
+            latitude.abs(),
+            letter(latitude, ['N', 'S']),
+            longitude.abs(),
+            letter(longitude, ['E', 'W'])
+        ));
+    }
+    if let Some((firmware, board)) = &drive.identity {
+        parts.push(format!("{} on {}", escaped(firmware), escaped(board)));
+    }
+    parts.join(" \u{b7} ")
+}
+
+/// The figures that matter most.
+pub fn tiles(drive: &Drive) -> String {
+    let mut html = String::new();
+    let mut tile = |value: &str, what: &str, class: &str| {
+        let _ = write!(html, "<div class=\"tile {class}\"><b>{value}</b><span>{what}</span></div>");
+    };
+    let length_m = drive.span_m().map(|(from, to)| to - from).filter(|length| *length > 1.0);
+    if let Some(length_m) = length_m {
+        let metric = if length_m < 10_000.0 {
+            format!("{} m", thousands(length_m))
+        } else {
+            format!("{:.1} km", length_m / 1e3)
+        };
+        tile(&metric, &format!("{:.2} miles of road", length_m / MILE_M), "");
+    }
+    tile(&thousands(drive.scans.len() as f64), "sections measured", "");
+    let slopes: usize =
+        drive.scans.iter().map(|scan| scan.slopes.iter().filter(|slope| slope.0.is_finite()).count()).sum();
+    match length_m {
+        Some(length_m) => tile(&thousands(slopes as f64 / (length_m / MILE_M)), "slopes a mile", ""),
+        None => tile(&thousands(slopes as f64), "slopes", ""),
+    }
+    let mut half = Samples::default();
+    for scan in &drive.scans {
+        scan.slopes.iter().filter(|slope| slope.1.is_finite()).for_each(|slope| half.push((f64::from(slope.1), 0.0)));
+    }
+    if let Some(half) = half.median() {
+        tile(&format!("\u{b1}{half:.2}\u{b0}"), "95 % interval of one slope, median", "");
+    }
+    if drive.is_whole() {
+        tile("whole", "nothing was lost on the way", "good");
+    } else {
+        tile("losses", "see Health", "bad");
+    }
+    html
+}
+
+/// One line a mile: the four slopes.
+pub fn miles(drive: &Drive) -> String {
+    let Some((from, to)) = drive.span_m() else {
+        return "<p>The log has no speed to tell stations from.</p>".to_owned();
+    };
+    let mut html = String::from("<table><thead><tr><th>mile</th><th>sections</th>");
+    for name in SLOPES {
+        let _ = write!(html, "<th>{name}</th><th>steeper than 1:4</th>");
+    }
+    html += "</tr></thead><tbody>";
+    let miles = ((to - from) / MILE_M).ceil().max(1.0) as usize;
+    let mut sorted: Vec<(u64, [Samples; 4], [u64; 4])> = vec![Default::default(); miles];
+    for scan in drive.scans.iter().filter(|scan| scan.station_m.is_finite()) {
+        let mile = (((scan.station_m - from) / MILE_M) as usize).min(miles - 1);
+        let Some((scans, samples, steep)) = sorted.get_mut(mile) else { continue };
+        *scans += 1;
+        for ((samples, steep), (slope, ci95)) in samples.iter_mut().zip(steep).zip(scan.slopes) {
+            if slope.is_finite() {
+                samples.push((f64::from(slope), if ci95.is_finite() { f64::from(ci95) / 1.96 } else { 0.0 }));
+                *steep += u64::from(slope.abs() > 14.036);
+            }
+        }
+    }
+    for (mile, (scans, samples, steep)) in sorted.iter().enumerate() {
+        let (begin, end) = (mile as f64, ((to - from) / MILE_M).min(mile as f64 + 1.0));
+        let _ = write!(html, "<tr><td>{begin:.0}\u{2013}{end:.1}</td><td>{}</td>", thousands(*scans as f64));
+        for (samples, steep) in samples.iter().zip(steep) {
+            match samples.estimate() {
+                Some(one) => {
+                    let share = 100.0 * *steep as f64 / one.count as f64;
+                    let _ = write!(html, "<td>{}</td><td>{share:.0} %</td>", with_interval(one.value, one.ci95));
+                }
+                None => html += "<td>\u{2013}</td><td>\u{2013}</td>",
+            }
+        }
+        html += "</tr>";
+    }
+    html + "</tbody></table>"
+}
+
+fn with_interval(value: f64, half: f64) -> String {
+    let sign = if value < 0.0 { "\u{2212}" } else { "+" };
+    format!("{sign}{:.2}\u{b0}\u{202f}<i>\u{b1}{half:.2}</i>", value.abs())
+}
+
+/// How the instrument did.
+pub fn health(drive: &Drive) -> String {
+    let health = &drive.health;
+    let mut rows = String::new();
+    let mut row = |what: &str, value: String, good: bool| {
+        let class = if good { "good" } else { "bad" };
+        let _ = write!(rows, "<tr><td>{what}</td><td class=\"{class}\">{value}</td></tr>");
+    };
+    let count = |n: u64| thousands(n as f64);
+    row(
+        "parts of the log damaged or missing",
+        count(health.damage + health.unmatched),
+        health.damage + health.unmatched == 0,
+    );
+    for (name, lost) in crate::info::losses(&health.status) {
+        row(&format!("counted by the board: {name}"), count(lost), false);
+    }
+    let share = |part: u64| format!("{:.1} %", 100.0 * part as f64 / health.poses.max(1) as f64);
+    row("pulses accepted", count(health.pulses), health.pulses > 0);
+    row("pulses that fitted no second", count(health.pulses_spurious), health.pulses_spurious == 0);
+    row(
+        "poses timed by pulses",
+        format!("{} of {}", share(health.poses_by_pulse), count(health.poses)),
+        health.poses_by_pulse * 20 >= health.poses * 19,
+    );
+    row("poses in the inertial unit's good state", share(health.poses_good), health.poses_good == health.poses);
+    if let Some(drift) = health.drift_ppm {
+        row("the board's clock against GPS", format!("{drift:+.2} ppm").replace('-', "\u{2212}"), drift.abs() < 100.0);
+    }
+    let scans = drive.scans.len().max(1) as f64;
+    for (flag, what) in Drive::OF_THE_INSTRUMENT {
+        let flagged = drive.flagged(flag);
+        if flagged > 0 {
+            row(
+                &format!("sections {what}"),
+                format!("{} ({:.1} %)", count(flagged), 100.0 * flagged as f64 / scans),
+                false,
+            );
+        }
+    }
+    for (slope, name) in SLOPES.iter().enumerate() {
+        let found = drive.found(slope);
+        row(&format!("{name} slope found"), format!("{:.1} %", 100.0 * found), found > 0.5);
+    }
+    format!("<table class=\"plain\"><tbody>{rows}</tbody></table>")
+}
+
+/// What the slopes were measured with.
+pub fn calibration(drive: &Drive) -> String {
+    let config = &drive.config;
+    let [forward, left, up] = config.ins.lever_arm_mm;
+    let limits = config.survey.limits;
+    let metres = |um: i32| f64::from(um) * 1e-6;
+    let rows = [
+        ("mounting offset of the scanner", format!("{:.4}\u{b0}", degrees(config.scanner.mounting_offset))),
+        ("delay of the scanner", format!("{:.3} ms", f64::from(config.scanner.delay_us) / 1e3)),
+        ("scanner mounted mirrored", if config.scanner.mirrored { "yes" } else { "no" }.to_owned()),
+        ("from the inertial unit to the scanner", format!("{forward} mm forward, {left} mm left, {up} mm up")),
+        ("method", format!("{:?}", config.survey.method).to_lowercase()),
+        ("length of a slope", format!("{:.1} to {:.1} m", metres(limits.min_length_um), metres(limits.max_length_um))),
+        (
+            "inclination of a slope",
+            format!("{:.1}\u{b0} to {:.1}\u{b0}", degrees(limits.min_slope), degrees(limits.max_slope)),
+        ),
+        ("an obstruction stands out by", format!("{:.0} mm", f64::from(limits.obstruction_um) / 1e3)),
+    ];
+    let rows: String = rows
+        .iter()
+        .map(|(what, value)| format!("<tr><td>{what}</td><td>{}</td></tr>", value.replace('-', "\u{2212}")))
+        .collect();
+    format!("<table class=\"plain\"><tbody>{rows}</tbody></table>")
+}

@@ -1,0 +1,178 @@
+//! A log walked profile by profile, each with the scan that it was made from and the vehicle's pose: what clouds, sections and exports need.
+//!
+//! Memory is bounded: the scans that may still wait for their profile ([`WAITING`]) and the recent poses.
+
+use std::collections::VecDeque;
+use std::path::Path;
+
+use crossfall_core::attitude::History;
+use crossfall_core::instrument::{Event, WAITING};
+use crossfall_core::protocol::frame::Gap;
+use crossfall_core::protocol::message::{Message, Profile, ScanMode, Session};
+use crossfall_core::protocol::{Angle, Config, DeviceTime};
+use crossfall_core::scan::{MAX_BEAMS, Points, RawScan, RollTrack, level};
+
+use crate::container::Error;
+use crate::section::{Place, Section};
+use crate::stream::{Item, Stream};
+use crate::track::{Position, Track};
+
+/// Walks a log.
+#[derive(Debug)]
+pub struct Walk {
+    stream: Stream,
+    history: History,
+    track: Track,
+    config: Config,
+    recent: VecDeque<RawScan>,
+    room: RawScan,
+    damage: u64,
+    unmatched: u64,
+    offset: u64,
+}
+
+/// A profile and what it was made from.
+#[derive(Clone, Copy, Debug)]
+pub struct Step<'a> {
+    /// The profile.
+    pub profile: Profile,
+    /// The scan.
+    pub scan: &'a RawScan,
+    /// Where the scanner was at the scan's first beam.
+    pub position: Position,
+    /// Where it was, and how turned, at any instant of the scan.
+    pub track: &'a Track,
+    history: &'a History,
+    config: &'a Config,
+}
+
+impl Walk {
+    /// Opens a log.
+    ///
+    /// # Errors
+    /// As of [`Stream::open`].
+    pub fn open(path: &Path) -> Result<Self, Error> {
+        let mode = ScanMode { span_deg: 180, step_cdeg: 50, measuring: 6 };
+        Ok(Self {
+            stream: Stream::open(path)?,
+            history: History::default(),
+            track: Track::default(),
+            config: Config::default(),
+            recent: VecDeque::new(),
+            room: RawScan {
+                index: 0,
+                stx: DeviceTime(0),
+                layout: 0,
+                mode,
+                status: 0,
+                counters: None,
+                values: [0; MAX_BEAMS],
+            },
+            damage: 0,
+            unmatched: 0,
+            offset: 0,
+        })
+    }
+
+    /// Damaged parts, broken frames and gaps passed so far.
+    #[must_use]
+    pub fn damage(&self) -> u64 {
+        self.damage
+    }
+
+    /// Profiles whose scan is not in the log.
+    #[must_use]
+    pub fn unmatched(&self) -> u64 {
+        self.unmatched
+    }
+
+    /// How far the file has been read, in bytes.
+    #[must_use]
+    pub fn offset(&self) -> u64 {
+        self.offset
+    }
+
+    /// The next profile; `see` is shown every message on the way, the profile's own included.
+    pub fn next(&mut self, mut see: impl FnMut(&Message<'_>, &Track)) -> Option<Step<'_>> {
+        let (profile, place) = loop {
+            let (place, item) = self.stream.next()?;
+            self.offset = place.offset;
+            let Item::Message { message, gap } = item else {
+                self.damage += 1;
+                continue;
+            };
+            match gap {
+                Gap::None => {}
+                Gap::Missing(_) => self.damage += 1,
+                Gap::Restarted => {
+                    self.track.restart();
+                    self.history.clear();
+                    self.recent.clear();
+                }
+            }
+            match message {
+                Message::Config(config) => {
+                    self.config = config;
+                    self.track.configure(&config);
+                }
+                Message::Pose(pose) => {
+                    self.history.push(&pose);
+                    self.track.push(&pose);
+                }
+                Message::Clock(clock) => self.track.clock(&clock),
+                Message::Session(Session::Started(_)) => self.history.clear(),
+                Message::Scan(_) => match Event::of(&message, &mut self.room) {
+                    Ok(Event::Scan(scan)) => {
+                        if self.recent.len() > WAITING {
+                            self.recent.pop_front();
+                        }
+                        self.recent.push_back(scan.clone());
+                    }
+                    Ok(Event::Message(_)) => {}
+                    Err(_) => self.damage += 1,
+                },
+                _ => {}
+            }
+            see(&message, &self.track);
+            if let Message::Profile(profile) = message {
+                match self.recent.iter().position(|scan| scan.index == profile.scan) {
+                    Some(place) => break (profile, place),
+                    None => self.unmatched += 1,
+                }
+            }
+        };
+        let scan = self.recent.get(place)?;
+        let position = self.track.at(profile.time);
+        Some(Step { profile, scan, position, track: &self.track, history: &self.history, config: &self.config })
+    }
+}
+
+impl Step<'_> {
+    /// The scan's returns, every beam turned by the roll of its own instant.
+    pub fn level(&self, points: &mut Points) {
+        let roll = self.history.over_scan(self.scan, self.profile.time, &self.config.attitude);
+        level(self.scan, &roll.track, &self.config.scanner, points);
+    }
+
+    /// The configuration in force.
+    #[must_use]
+    pub fn config(&self) -> &Config {
+        self.config
+    }
+
+    /// The section, as measured and levelled.
+    #[must_use]
+    pub fn section(&self) -> Section {
+        let mut points = Points::new();
+        self.level(&mut points);
+        let levelled = places(&points);
+        let mut untilted = self.config.scanner;
+        untilted.mounting_offset = Angle::ZERO;
+        level(self.scan, &RollTrack::constant(Angle::ZERO), &untilted, &mut points);
+        Section { raw: places(&points), levelled, profile: self.profile }
+    }
+}
+
+fn places(points: &Points) -> Vec<Place> {
+    points.iter().map(|echo| (f64::from(echo.point.y_um) * 1e-6, f64::from(echo.point.z_um) * 1e-6)).collect()
+}

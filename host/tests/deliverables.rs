@@ -1,0 +1,346 @@
+//! What is handed in, held against the truth of a simulated drive: stations, positions, slopes by the stretch, clouds; data sets that were stopped.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::OnceLock;
+
+use crossfall::capture::{Reader, Writer};
+use crossfall::cloud::{self, Class};
+use crossfall::dataset::{self, Partition};
+use crossfall::drive::Drive;
+use crossfall::geodesy::{Utm, between};
+use crossfall::intervals::{Every, Gather, Interval};
+use crossfall::profiles::{Row, Rows};
+use crossfall::simulate::scene::Scene;
+use crossfall::simulate::{self, truth};
+use crossfall::table::Format;
+use crossfall::{log, report};
+use crossfall_core::protocol::Config;
+use tempfile::TempDir;
+
+/// A drive, made once for all tests.
+struct Made {
+    folder: TempDir,
+    scene: Scene,
+    truth: Vec<truth::Row>,
+    rows: Vec<Row>,
+}
+
+impl Made {
+    fn log(&self) -> PathBuf {
+        self.folder.path().join("drive.log.mcap")
+    }
+}
+
+fn make(scene: Scene) -> Made {
+    let folder = tempfile::tempdir().unwrap();
+    let capture_path = folder.path().join("drive.mcap");
+    let mut capture = Writer::create(&capture_path).unwrap();
+    let truth = simulate::simulate(&scene, &mut capture, |_| ()).unwrap().truth;
+    capture.finish().unwrap();
+    let mut writer = log::Writer::create(&folder.path().join("drive.log.mcap")).unwrap();
+    crossfall::run::run(&mut Reader::open(&capture_path).unwrap(), &Config::default(), &mut writer, |_| ()).unwrap();
+    writer.finish().unwrap();
+    let rows = Rows::open(&folder.path().join("drive.log.mcap")).unwrap().collect();
+    Made { folder, scene, truth, rows }
+}
+
+fn drive() -> &'static Made {
+    static DRIVE: OnceLock<Made> = OnceLock::new();
+    DRIVE.get_or_init(|| {
+        let mut scene = Scene::default();
+        scene.drive.seconds = 20.0;
+        make(scene)
+    })
+}
+
+/// Where the simulated vehicle was at each of some times of the drive, in order.
+fn simulated_places(scene: &Scene, times: impl Iterator<Item = f64>) -> Vec<[f64; 3]> {
+    const STEP_S: f64 = 0.001;
+    let mut track = simulate::motion::Track::new(&scene.drive);
+    let mut now = 0.0;
+    times
+        .map(|time| {
+            while now + STEP_S / 2.0 < time {
+                track.step(STEP_S);
+                now += STEP_S;
+            }
+            let place = track.place();
+            [place.latitude_deg, place.longitude_deg, place.height_m]
+        })
+        .collect()
+}
+
+#[test]
+fn every_section_is_where_the_vehicle_was() {
+    let made = drive();
+    let clock = &made.scene.clock;
+    let left = || made.rows.iter().filter(|row| row.left);
+    let time = |row: &Row| (row.time.0 as f64 * 1e-6 - clock.start_s) / (1.0 + clock.drift_ppm * 1e-6);
+    let places = simulated_places(&made.scene, left().map(time));
+    assert_eq!(places.len(), made.truth.len());
+    for (row, place) in left().zip(places) {
+        let [east, north] = between(place, row.position.geodetic.unwrap());
+        assert!(east.hypot(north) < 0.1, "scan {}: {east} {north}", row.scan);
+        assert!((place[2] - row.position.geodetic.unwrap()[2]).abs() < 0.1, "scan {}", row.scan);
+    }
+}
+
+#[test]
+fn stations_are_the_way_travelled() {
+    let made = drive();
+    let stations: Vec<f64> =
+        made.rows.iter().filter(|row| row.left).map(|row| row.position.station_m.unwrap()).collect();
+    let way = stations.last().unwrap() - stations[0];
+    let truth = made.truth.last().unwrap().station_m - made.truth[0].station_m;
+    // The road climbs: a station is level, the truth's is along the slope.
+    assert!((way / truth - 1.0).abs() < 1e-3, "{way} {truth}");
+}
+
+fn stretches(rows: &[Row], metres: f64) -> Vec<Interval> {
+    let mut gather = Gather::new(Every { metres });
+    let mut list: Vec<Interval> = rows.iter().filter_map(|row| gather.row(row)).collect();
+    list.extend(gather.finish());
+    list
+}
+
+/// Every whole stretch's slopes: what was measured and half its interval, and the truth's mean.
+fn against_truth(made: &Made, metres: f64) -> Vec<(f64, f64, f64)> {
+    let mut pairs = Vec::new();
+    for stretch in stretches(&made.rows, metres) {
+        let inside = made.rows.iter().filter(|row| {
+            row.left == stretch.left
+                && row.position.station_m.is_some_and(|at| (stretch.from_m..stretch.to_m).contains(&at))
+        });
+        let sections: Vec<_> = inside.map(|row| made.truth[row.scan as usize].section).collect();
+        let side = |section: &simulate::section::Section| if stretch.left { section.left } else { section.right };
+        let mean = |slope: &dyn Fn(&simulate::section::Side) -> f64| {
+            sections.iter().map(|section| slope(&side(section))).sum::<f64>() / sections.len() as f64
+        };
+        for (found, truth) in [
+            (stretch.adjacent, mean(&|side| side.adjacent_slope_deg)),
+            (stretch.opposing, mean(&|side| side.opposing_slope_deg)),
+        ] {
+            let found = found.expect("found in every stretch").slope_deg;
+            pairs.push((found.value, found.ci95, truth));
+        }
+    }
+    pairs
+}
+
+#[test]
+fn slopes_by_the_stretch_are_the_truth_within_their_intervals() {
+    let pairs = against_truth(drive(), 10.0);
+    assert!(pairs.len() > 150);
+    let worst = pairs.iter().map(|(value, _, truth)| (value - truth).abs()).fold(0.0, f64::max);
+    assert!(worst < 0.05, "worst {worst}");
+    let held = pairs.iter().filter(|(value, half, truth)| (value - truth).abs() <= *half).count();
+    assert!(held * 100 >= pairs.len() * 95, "{held} of {} intervals hold the truth", pairs.len());
+}
+
+#[test]
+fn ten_miles_are_right_by_the_tenth() {
+    if std::env::var_os("CROSSFALL_LONG").is_none() {
+        eprintln!("skipped: the ten-mile drive takes minutes; CROSSFALL_LONG runs it");
+        return;
+    }
+    let mut scene = Scene::default();
+    scene.drive.seconds = 16_093.44 / scene.drive.speed_m_s;
+    let made = make(scene);
+    let stations = made.rows.iter().filter_map(|row| row.position.station_m);
+    let way = stations.fold(0.0, f64::max);
+    let truth = made.truth.last().unwrap().station_m;
+    assert!((way / truth - 1.0).abs() < 1e-3, "{way} {truth}");
+    let pairs = against_truth(&made, 160.9344);
+    let worst = pairs.iter().map(|(value, _, truth)| (value - truth).abs()).fold(0.0, f64::max);
+    assert!(pairs.len() >= 400 && worst < 0.05, "worst {worst} of {}", pairs.len());
+}
+
+#[test]
+fn a_cloud_lies_on_the_simulated_ground() {
+    let made = drive();
+    let file = made.folder.path().join("cloud.laz");
+    let told = cloud::write(&[made.log()], cloud::Format::Laz, &file, |_, _| ()).unwrap();
+    assert_eq!(told.unplaced, 0);
+    let mut reader = las::Reader::from_path(&file).unwrap();
+    assert_eq!(reader.header().number_of_points(), told.points);
+    assert!(reader.header().has_wkt_crs());
+    let all = reader.read_all().unwrap();
+    let points: Vec<las::Point> = all.points().collect::<Result<_, _>>().unwrap();
+    // Every scan has some 360 returns, most of them of the five surfaces' own.
+    assert!(points.len() > 300 * made.truth.len());
+    let start = made.rows[0].position.geodetic.unwrap();
+    let utm = Utm::around(start).unwrap();
+    let drive = Drive::read(&made.log(), |_| ()).unwrap();
+    let mut along = crossfall::along::Along::new(&drive).unwrap();
+    let first_m = drive.span_m().unwrap().0;
+    let mut checked = 0;
+    for point in points.iter().step_by(997).filter(|point| u8::from(point.classification) == Class::Road as u8) {
+        let place = utm.geodetic([point.x, point.y, point.z]).unwrap();
+        let Some(found) = along.find(place) else { continue };
+        // The section that was under the vehicle there, and the vehicle's height.
+        let at = found.station_m - first_m + made.truth[0].station_m;
+        let Some(truth) = made.truth.iter().find(|row| row.station_m >= at) else { continue };
+        let scan = &drive.scans[truth.scan];
+        let ground =
+            scan.place[2] - truth.section.height_m + found.left_m * truth.section.cross_slope_deg.to_radians().tan();
+        assert!((point.z - ground).abs() < 0.12, "station {at}: {} {ground}", point.z);
+        checked += 1;
+    }
+    assert!(checked > 50, "{checked}");
+}
+
+#[test]
+fn a_ply_cloud_has_as_many_points_as_it_says() {
+    let made = drive();
+    let file = made.folder.path().join("cloud.ply");
+    let told = cloud::write(&[made.log()], cloud::Format::Ply, &file, |_, _| ()).unwrap();
+    let bytes = fs::read(&file).unwrap();
+    let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
+    let header = String::from_utf8(bytes[..end].to_vec()).unwrap();
+    assert!(header.contains(&format!("element vertex {:010}\n", told.points)), "{header}");
+    assert_eq!((bytes.len() - end) as u64, told.points * 34);
+}
+
+#[test]
+fn a_stopped_data_set_goes_on_where_it_was() {
+    let made = drive();
+    let folder = tempfile::tempdir().unwrap();
+    let logs: Vec<PathBuf> = (0..3)
+        .map(|i| {
+            let log = folder.path().join(format!("run{i}.log.mcap"));
+            fs::copy(made.log(), &log).unwrap();
+            log
+        })
+        .collect();
+    let set = folder.path().join("set");
+    let take_in = |logs: &[PathBuf]| {
+        let outcomes = Mutex::new(Vec::new());
+        dataset::take_in(
+            logs,
+            Some("I-80"),
+            None,
+            &set,
+            |_, _| (),
+            |_, outcome| outcomes.lock().unwrap().push(outcome),
+        )
+        .unwrap();
+        outcomes.into_inner().unwrap()
+    };
+    let first = take_in(&logs[..2]);
+    assert!(first.iter().all(|outcome| outcome.as_ref().unwrap().rows == Some(made.rows.len() as u64)));
+    assert!(set.join("road=I-80/date=2026-01-06/run0.parquet").exists(), "{:?}", first[0]);
+    let second = take_in(&logs);
+    let written = second.iter().filter(|outcome| outcome.as_ref().unwrap().rows.is_some()).count();
+    assert_eq!((second.len(), written), (3, 1), "what was finished is left as it is");
+
+    // A log that is none fails alone.
+    let broken = folder.path().join("broken.log.mcap");
+    fs::write(&broken, b"no log at all").unwrap();
+    let third = take_in(&[logs[0].clone(), broken.clone()]);
+    assert_eq!(third.iter().filter(|outcome| outcome.is_err()).count(), 1);
+    assert_eq!(Partition::of(&logs[0], None).unwrap().drive, "run0");
+}
+
+#[test]
+fn the_report_is_one_page_that_needs_nothing_else() {
+    let made = drive();
+    let drive = Drive::read(&made.log(), |_| ()).unwrap();
+    assert!(drive.is_whole());
+    let page = report::page(&drive, "Drive <1> & more");
+    assert!(page.contains("<title>Drive &lt;1&gt; &amp; more"));
+    assert!(!page.contains("{{") && !page.contains("src=") && !page.contains("href="), "no outside, nothing unfilled");
+    assert!(page.len() < 2_500_000, "{}", page.len());
+    let data = page.split_once("id=\"data\">").unwrap().1.split_once("</script>").unwrap().0;
+    let data: serde_json::Value = serde_json::from_str(data).unwrap();
+    assert_eq!(data["x"].as_array().unwrap().len(), data["slopes"][0].as_array().unwrap().len());
+    assert!(data["sections"].as_array().unwrap().len() > 100);
+}
+
+/// The Python beside the build that `cargo xtask setup` furnishes, or the one that is named.
+fn python() -> Option<PathBuf> {
+    let beside = Path::new(env!("CARGO_BIN_EXE_crossfall")).parent()?.parent()?.join("python/bin/python");
+    let python = std::env::var_os("CROSSFALL_PYTHON").map_or(beside, PathBuf::from);
+    if !python.exists() {
+        eprintln!(
+            "skipped: no {} with laspy, pyarrow, duckdb and geojson; `cargo xtask setup` makes it",
+            python.display()
+        );
+        return None;
+    }
+    Some(python)
+}
+
+fn run_python(python: &Path, folder: &Path, script: &str) -> String {
+    let output = std::process::Command::new(python).arg("-c").arg(script).current_dir(folder).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap().trim().to_owned()
+}
+
+#[test]
+fn other_programs_open_every_file() {
+    let Some(python) = python() else { return };
+    let made = drive();
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    for (name, every) in [("a.csv", None), ("a.parquet", None), ("a.geojson", Some(Every { metres: 10.0 }))] {
+        dataset::write(&made.log(), every, Format::of(Path::new(name)).unwrap(), &at(name), |_| ()).unwrap();
+    }
+    let told = cloud::write(&[made.log(), made.log()], cloud::Format::Laz, &at("a.laz"), |_, _| ()).unwrap();
+    fs::create_dir(at("logs")).unwrap();
+    fs::copy(made.log(), at("logs/one.log.mcap")).unwrap();
+    dataset::take_in(
+        &[at("logs/one.log.mcap")],
+        Some("I-80"),
+        None,
+        &at("set"),
+        |_, _| (),
+        |_, done| {
+            done.unwrap();
+        },
+    )
+    .unwrap();
+
+    let rows = run_python(
+        &python,
+        folder.path(),
+        "import pyarrow.parquet as pq, pyarrow.csv as pc\n\
+         a, b = pq.read_table('a.parquet'), pc.read_csv('a.csv')\n\
+         assert a.column_names == b.column_names, a.column_names\n\
+         x, y = a.column('adjacent_slope_deg').to_pylist(), b.column('adjacent_slope_deg').to_pylist()\n\
+         assert x == y and len(x) == a.num_rows\n\
+         print(a.num_rows)",
+    );
+    assert_eq!(rows, made.rows.len().to_string());
+    let duck = run_python(
+        &python,
+        folder.path(),
+        "import duckdb\n\
+         print(*duckdb.sql(\"select road, date::varchar, side, count(*) from read_parquet('set/**/*.parquet', hive_partitioning = true) \
+         group by all order by side\").fetchall())",
+    );
+    let each = made.rows.len() / 2;
+    assert_eq!(duck, format!("('I-80', '2026-01-06', 'left', {each}) ('I-80', '2026-01-06', 'right', {each})"));
+    let points = run_python(
+        &python,
+        folder.path(),
+        "import laspy\n\
+         c = laspy.read('a.laz')\n\
+         assert str(c.header.version) == '1.4' and c.point_format.id == 6\n\
+         assert set(c.point_source_id) == {1, 2} and 11 in c.classification and 64 in c.classification\n\
+         assert any('UTM zone 18N' in v.string for v in c.header.vlrs if v.record_id == 2112)\n\
+         assert (c.gps_time[1:] - c.gps_time[:-1]).max() < 0.1\n\
+         print(len(c))",
+    );
+    assert_eq!(points, told.points.to_string());
+    let valid = run_python(
+        &python,
+        folder.path(),
+        "import geojson\n\
+         c = geojson.load(open('a.geojson'))\n\
+         assert c.is_valid, c.errors()\n\
+         print(sorted({f.geometry.type for f in c.features}))",
+    );
+    assert_eq!(valid, "['LineString', 'Point', 'Polygon']");
+}

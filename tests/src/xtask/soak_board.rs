@@ -1,0 +1,155 @@
+//! `cargo xtask soak`: ten minutes of drive through the emulated board, at half the scanner's rate, by the board's own clock. Nothing may be lost and
+//! nothing may grow: the board's counters and its stack are looked at every half minute.
+
+use std::cell::RefCell;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+use crossfall::emulated::scanner::{Mode, Scanner};
+use crossfall::simulate::scene::Scene;
+use crossfall::{capture, info, log, simulate, verify};
+use crossfall_core::protocol::message::{Message, Status};
+use crossfall_tests::emulator::{Emulator, Image, Options, Step, half_the_scans, image};
+
+/// Seconds of drive unless told otherwise.
+const SECONDS: u64 = 600;
+
+/// How often the board is looked at, in seconds of the drive.
+const LOOK_S: u64 = 30;
+
+/// The stack has seen every path by now: from here on it may not grow, in looks.
+const SETTLED: usize = 4;
+
+/// How long the bring-up and the end may take.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+type Failure = Box<dyn std::error::Error>;
+
+/// Runs the soak over so many seconds of drive, or [`SECONDS`].
+pub fn run(seconds: Option<&str>) -> ExitCode {
+    let seconds = match seconds.map(str::parse) {
+        None => SECONDS,
+        Some(Ok(seconds)) if seconds > 0 => seconds,
+        Some(_) => {
+            eprintln!("xtask: soak: expected a number of seconds");
+            return ExitCode::from(2);
+        }
+    };
+    match soak(seconds) {
+        Ok(problems) if problems.is_empty() => {
+            println!("soak: {seconds} s of drive, nothing lost, nothing grown");
+            ExitCode::SUCCESS
+        }
+        Ok(problems) => {
+            problems.iter().for_each(|problem| println!("soak: {problem}"));
+            ExitCode::FAILURE
+        }
+        Err(error) => {
+            eprintln!("xtask: soak: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// What was lost or has grown.
+fn soak(seconds: u64) -> Result<Vec<String>, Failure> {
+    let scratch = tempfile::tempdir()?;
+    let drive_path = scratch.path().join("drive.mcap");
+    let mut scene = Scene::default();
+    (scene.drive.seconds, scene.ins.rate_hz, scene.scanner.index_bytes) = (seconds as f64, 50, false);
+    let mut writer = capture::Writer::create(&drive_path)?;
+    let made = simulate::simulate(&scene, &mut writer, |_| ())?;
+    writer.finish()?;
+    let scans = made.truth.len().div_ceil(2);
+
+    let begun = Instant::now();
+    let mut board = Emulator::start(&image(Image::Board), &Options::default())?;
+    let mut scanner = Scanner::waiting_at(9_600);
+    scanner.holds_start = true;
+    if !board.converse(&mut scanner, PATIENCE, |scanner| scanner.mode == Mode::Continuous)? {
+        return Err(format!("the bring-up got as far as {:x?}", scanner.understood).into());
+    }
+    let reader = capture::Reader::open(&drive_path)?;
+    let start_ns = reader.span_ns().map_or(0, |(first, _)| first);
+    // A capture that was just written here is whole.
+    let mut drive = half_the_scans(reader.map_while(Result::ok)).peekable();
+    let (stacks, seen) = (RefCell::new(Vec::new()), RefCell::new(0));
+    let mut next_look = LOOK_S;
+    let mut rest = Some(start_ns + (seconds + 2) * 1_000_000_000);
+    let steps = std::iter::from_fn(|| {
+        let look_ns = start_ns + next_look * 1_000_000_000;
+        match drive.peek() {
+            Some(chunk) if chunk.device_time_ns < look_ns => drive.next().map(Step::Bytes),
+            Some(_) => {
+                let (second, stacks, seen) = (next_look, &stacks, &seen);
+                next_look += LOOK_S;
+                Some(Step::Do(
+                    look_ns,
+                    Box::new(move |board: &mut Emulator, _: &mut Scanner| {
+                        let stack = board.stack()?.0;
+                        let status = latest(board, &mut seen.borrow_mut());
+                        println!(
+                            "{second:5} s: {} scans, {} poses, {} pulses, {} losses, {stack} bytes of stack; {:.0} s of this machine",
+                            status.scans,
+                            status.poses,
+                            status.pulses,
+                            info::losses(&status).len(),
+                            begun.elapsed().as_secs_f64()
+                        );
+                        stacks.borrow_mut().push(stack);
+                        Ok(())
+                    }),
+                ))
+            }
+            None => rest.take().map(|at_ns| Step::Do(at_ns, Box::new(|_, _| Ok(())))),
+        }
+    });
+    let played = board.play(&mut scanner, steps, |_| ())?;
+    let status = board.stop(PATIENCE)?;
+
+    let log_path = scratch.path().join("soak.log.mcap");
+    let mut writer = log::Writer::create(&log_path)?;
+    for (receive_ns, frame) in board.link.stamped_frames() {
+        writer.frame(receive_ns, &frame)?;
+    }
+    writer.finish()?;
+    let report = verify::verify(&log_path, |_| ())?;
+    println!(
+        "{} of {} profiles reproduced; this machine was {:.1} ms late at worst",
+        report.profiles_reproduced,
+        report.profiles,
+        played.latest.as_secs_f64() * 1e3
+    );
+
+    let mut problems: Vec<String> =
+        info::losses(&status).into_iter().map(|(name, count)| format!("lost: {name} = {count}")).collect();
+    let mut expect = |what: &str, found: u64, expected: u64| {
+        if found != expected {
+            problems.push(format!("{what}: {found}, expected {expected}"));
+        }
+    };
+    expect("scans", status.scans.into(), scans as u64);
+    expect("poses", status.poses.into(), made.poses);
+    expect("pulses", status.pulses.into(), made.pulses);
+    expect("profiles", report.profiles, scans as u64);
+    expect("profiles reproduced", report.profiles_reproduced, scans as u64);
+    expect("problems of the log", report.problems.len() as u64, 0);
+    expect("frames missing", board.link.losses().0, 0);
+    expect("restarts", board.link.losses().1, 0);
+    expect("bytes that are no frame", board.link.counters().rejected(), 0);
+    let stacks = stacks.into_inner();
+    if let (Some(&settled), Some(&last)) = (stacks.get(SETTLED), stacks.last()) {
+        expect("stack at the end, in bytes", last.into(), settled.into());
+    }
+    Ok(problems)
+}
+
+/// The board's latest status; `seen` is how many of its frames have been looked at.
+fn latest(board: &Emulator, seen: &mut usize) -> Status {
+    let mut found = Status::default();
+    let status = |message: &Message<'_>| if let Message::Status(status) = message { Some(*status) } else { None };
+    while let Some((at, status)) = board.link.wait_for(*seen, Duration::ZERO, status) {
+        (*seen, found) = (at, status);
+    }
+    found
+}
