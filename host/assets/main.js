@@ -90,11 +90,15 @@ function showState() {
     if (!dragging) $("seek").value = replay.position_s;
     $("place").textContent = `${panels.clock(replay.position_s)} / ${panels.clock(replay.length_s)}`;
     $("play").textContent = replay.ended ? "Again" : replay.paused ? "Play" : "Pause";
-    if (document.activeElement !== $("times")) $("times").value = String(replay.speed);
+    const times = $("times"), speed = String(replay.speed);
+    if (![...times.options].some((option) => option.value === speed)) times.add(new Option(`${speed}×`, speed));
+    if (document.activeElement !== times) times.value = speed;
   }
   const still = replay?.ended ? "end of the replay" : replay?.paused ? "replay stands still" : state.lamps.link.light === "bad" ? "no connection to the board" : "";
   $("stale").hidden = !still && !(state.lamps.lidar.light === "bad");
   $("stale").textContent = still || "no scans";
+  // What is old must not look like what is now.
+  document.querySelector(".road").classList.toggle("old", !$("stale").hidden);
 }
 
 function showControl() {

@@ -62,7 +62,9 @@ export function showDrive(state) {
   set($("station"), station == null ? "–" : (station / 1000).toFixed(2));
   set($("density"), density == null ? "–" : Math.round(density).toLocaleString("en"));
   const board = state.board ? `${state.board.firmware}, ${state.board.board}` : "no board heard yet";
-  set($("source"), `${state.source.name} · ${board}`);
+  const name = state.source.kind === "device" ? state.source.name : state.source.name.split(/[\\/]/).at(-1);
+  set($("source"), `${name} · ${board}`);
+  $("source").title = state.source.name;
 }
 
 export function showRecording(state) {
