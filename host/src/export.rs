@@ -60,7 +60,10 @@ pub struct Made {
 }
 
 /// The topics, each with its schema's name and its fields with their JSON types.
-const TOPICS: [(&str, &str, &[(&str, &str)]); 5] = [
+/// A topic, its schema and the schema's fields.
+type Topic = (&'static str, &'static str, &'static [(&'static str, &'static str)]);
+
+const TOPICS: [Topic; 5] = [
     (
         "/scan",
         "foxglove.LaserScan",

@@ -233,7 +233,7 @@ impl Injector {
     }
 
     fn below(&mut self, end: u64) -> u64 {
-        (u128::from(self.random.next_u64()) * u128::from(end) >> 64) as u64
+        ((u128::from(self.random.next_u64()) * u128::from(end)) >> 64) as u64
     }
 
     /// Uniform in [0, 1).

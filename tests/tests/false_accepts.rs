@@ -141,7 +141,10 @@ fn link(frames: &[Vec<u8>], bytes: u64) -> Count {
     Count { bytes, good, never_sent, rejected: counters.bad_crc + counters.not_understood }
 }
 
-fn drive(folder: &Path) -> (Vec<Vec<u8>>, Vec<Vec<u8>>, Vec<Vec<u8>>) {
+/// Telegrams or frames, one after the other.
+type Pieces = Vec<Vec<u8>>;
+
+fn drive(folder: &Path) -> (Pieces, Pieces, Pieces) {
     let (capture_path, log_path) = (folder.join("drive.mcap"), folder.join("drive.log.mcap"));
     let mut scene = Scene::default();
     scene.drive.seconds = 10.0;

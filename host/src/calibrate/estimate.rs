@@ -39,7 +39,7 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
     // nothing to follow.
     for _ in 0..6 {
         let step_us = fit.slope.clamp(-30_000.0, 30_000.0);
-        if !(fit.slope_se <= 10.0 * MAX_DELAY_SE_US) || step_us.abs() < 0.5 {
+        if fit.slope_se.is_nan() || fit.slope_se > 10.0 * MAX_DELAY_SE_US || step_us.abs() < 0.5 {
             break;
         }
         delay_us = (delay_us + step_us).clamp(-200_000.0, 200_000.0);

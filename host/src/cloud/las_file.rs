@@ -43,7 +43,7 @@ impl Sink for File {
             z: point.place[2],
             return_number: 1,
             number_of_returns: 1,
-            classification: Classification::new(point.class as u8).map_err(|e| wrap(e.into()))?,
+            classification: Classification::new(point.class as u8).map_err(wrap)?,
             scan_angle: point.angle_deg,
             point_source_id: point.source,
             gps_time: Some(point.gps_time),

@@ -21,6 +21,7 @@ use crate::run::{Wires, identity};
 const LEAD_NS: u64 = 4_000_000_000;
 
 /// What a film shows.
+#[expect(clippy::large_enum_variant, reason = "one at a time, on its way to a callback")]
 pub enum Shown<'a> {
     /// What a board would have sent.
     Event(Event<'a>),

@@ -226,7 +226,7 @@ impl Model {
     fn scan(&mut self, scan: &RawScan) {
         if let Some((_, before)) = self.seen.scan {
             let step_us = scan.stx.since(before);
-            if step_us < 0 || step_us > JUMP_US {
+            if !(0..=JUMP_US).contains(&step_us) {
                 self.begin_anew();
             } else if step_us > 0 {
                 follow(&mut self.senses.scan_hz, 1e6 / step_us as f64);

@@ -48,7 +48,6 @@ pub struct Controls(Arc<Mutex<Transport>>);
 
 impl Controls {
     /// The transport, to look at or to change.
-    #[must_use]
     pub fn lock(&self) -> MutexGuard<'_, Transport> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -136,6 +136,7 @@ impl Format {
 /// A table under way.
 pub struct Table<W: Write + Send, R: Record>(Writer<W, R>);
 
+#[expect(clippy::large_enum_variant, reason = "one a file")]
 enum Writer<W: Write + Send, R: Record> {
     Csv(comma::Table<W, R>),
     Parquet(Box<parquet::Table<W, R>>),

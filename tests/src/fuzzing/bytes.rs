@@ -107,7 +107,7 @@ pub fn ranges(input: &[u8]) {
     let mut values = [0; MAX_VALUES];
     if let Ok(decoded) = decode(layout, mode, code, &mut values) {
         assert_eq!(decoded.len(), usize::from(layout & 0x3ff));
-        round_trip(layout, mode, &decoded.to_vec());
+        round_trip(layout, mode, decoded);
     }
     let raw: Vec<u16> = code.chunks_exact(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect();
     let count = raw.len().min(MAX_VALUES);

@@ -19,7 +19,7 @@ impl Draw {
 
     /// A number below `end`; 0 when that is 0.
     pub fn below(&mut self, end: usize) -> usize {
-        if end == 0 { 0 } else { (u64::from(self.bits()) * end as u64 >> 32) as usize }
+        if end == 0 { 0 } else { ((u64::from(self.bits()) * end as u64) >> 32) as usize }
     }
 }
 

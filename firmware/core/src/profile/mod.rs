@@ -18,6 +18,7 @@ use heapless::Vec;
 pub struct Workspace(Held);
 
 #[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "one place of constant size is what it is for; there is no heap")]
 enum Held {
     Measuring(measuring::Samples),
     Seed { points: Vec<Point, MAX_BEAMS>, samples: Samples, work: seed::Work },
