@@ -47,7 +47,8 @@ fn a_torn_log_is_recovered_and_what_is_lost_is_told() {
     let (out, _) = ends(folder, &["recover", "torn.mcap", "-o", "out.mcap", "--json"], 3);
     let account: serde_json::Value = serde_json::from_str(&out).unwrap();
     assert_eq!((account["lost"].as_bool(), account["open_ends"].as_u64()), (Some(true), Some(1)));
-    assert!(account["frames_lost"].as_u64().unwrap() >= 1 && account["bytes_lost"].as_u64().unwrap() >= 500);
+    // What is left of a frame that the hole begins or ends in is kept, as a broken frame.
+    assert!(account["frames_lost"].as_u64().unwrap() >= 1 && account["bytes_lost"].as_u64().unwrap() >= 300);
 
     // The new log is a whole file: what is told of it is the hole, and the frames that it hit.
     let (out, _) = ends(folder, &["verify", "out.mcap", "--json"], 3);

@@ -42,8 +42,10 @@ pub type Points = Vec<Echo, MAX_BEAMS>;
 /// Levels a scan. `points` is overwritten.
 pub fn level(scan: &RawScan, track: &RollTrack, scanner: &Scanner, points: &mut Points) {
     points.clear();
-    // Never full: a scan has at most as many beams as `points` has places.
-    points.extend(levelled(scan, track, scanner));
+    for echo in levelled(scan, track, scanner) {
+        // Never full: a scan has at most as many beams as `points` has places.
+        let _ = points.push(echo);
+    }
     if scanner.mirrored {
         points.reverse();
     }

@@ -92,15 +92,18 @@ pub fn inward_of(samples: &[Sample], (u, z): (i32, i32)) -> usize {
 pub fn take(echoes: impl Iterator<Item = Echo>, samples: &mut Samples) {
     samples.clear();
     let near = |echo: &Echo| echo.point.y_um.abs() < REACH_UM && echo.point.z_um.abs() < REACH_UM;
-    // Never full: a scan has no more echoes than there are places.
-    samples.extend(echoes.filter(near).map(|echo| Sample {
-        u: echo.point.y_um / (1 << GRAIN_BITS),
-        z: echo.point.z_um >> GRAIN_BITS,
-        out_q14: -echo.cos_q14,
-        down_q14: echo.sin_q14,
-        beam: echo.beam,
-        weight: 0,
-    }));
+    for echo in echoes.filter(near) {
+        let sample = Sample {
+            u: echo.point.y_um / (1 << GRAIN_BITS),
+            z: echo.point.z_um >> GRAIN_BITS,
+            out_q14: -echo.cos_q14,
+            down_q14: echo.sin_q14,
+            beam: echo.beam,
+            weight: 0,
+        };
+        // Never full: a scan has no more echoes than there are places.
+        let _ = samples.push(sample);
+    }
 }
 
 /// Turns the samples of a scan round: from those that count outward to the left to those that count outward to the right, or back.
