@@ -13,13 +13,11 @@ use crate::intervals::{Every, Gather};
 use crate::output::{self, Output};
 use crate::profiles::{Row, Rows};
 use crate::table::{self, Format, Table};
+use crate::track::LEAP_SECONDS;
 use crate::{container, interrupt};
 
 /// What the Hive convention calls a partition of rows without a value.
 const NONE: &str = "__HIVE_DEFAULT_PARTITION__";
-
-/// Seconds by which GPS time is ahead of UTC (since 2017).
-const LEAP_S: u64 = 18;
 
 /// A drive could not be taken in.
 #[derive(Debug, thiserror::Error)]
@@ -296,7 +294,7 @@ fn escaped(name: &str) -> String {
 /// The date in UTC of a second of a GPS week, by Hinnant's `civil_from_days`.
 pub(crate) fn date(week: u16, seconds: u64) -> String {
     // 1980-01-06 is day 3657 since 1970-01-01.
-    let days = 3_657 + (u64::from(week) * 604_800 + seconds).saturating_sub(LEAP_S) / 86_400;
+    let days = 3_657 + (u64::from(week) * 604_800 + seconds).saturating_sub(LEAP_SECONDS) / 86_400;
     let shifted = days + 719_468;
     let (era, day_of_era) = (shifted / 146_097, shifted % 146_097);
     let year_of_era = (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;

@@ -21,12 +21,12 @@ use crate::geodesy::{Geodetic, between};
 use crate::output::{self, Output};
 use crate::profiles::sides;
 use crate::table::{Record, Value};
-use crate::track::Turn;
+use crate::track::{LEAP_SECONDS, Turn};
 use crate::walk::{Step, Walk};
 use crate::{container, interrupt};
 
 /// Seconds from the Unix epoch to that of GPS, less the leap seconds since.
-const GPS_EPOCH_S: u64 = 315_964_800 - 18;
+const GPS_EPOCH_S: u64 = 315_964_800 - LEAP_SECONDS;
 
 /// A log could not be exported.
 #[derive(Debug, thiserror::Error)]

@@ -5,7 +5,7 @@ use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 
-use super::{Error, Palette, text};
+use super::{Error, Palette, signed, text};
 
 /// A panel with axes.
 pub type Chart<'a, DB> = ChartContext<'a, DB, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
@@ -78,6 +78,40 @@ where
         x += 30 + 8 * name.chars().count() as i32 + 24;
     }
     Ok(())
+}
+
+/// Axes of a picture across the road, seen from behind: the axis runs from left to right on the paper, the vehicle's y from
+/// right to left. `height` writes what is on the other axis.
+pub fn across_road<'a, DB: DrawingBackend + 'a>(
+    panel: &DrawingArea<DB, Shift>,
+    colours: &Palette,
+    reach: f64,
+    (low, high): (f64, f64),
+    name: &str,
+    height: &dyn Fn(&f64) -> String,
+) -> Result<Chart<'a, DB>, Error>
+where
+    DB::ErrorType: 'static,
+{
+    let mut chart = ChartBuilder::on(panel)
+        .x_label_area_size(48)
+        .y_label_area_size(58)
+        .build_cartesian_2d(-reach..reach, low..high)?;
+    chart
+        .configure_mesh()
+        .light_line_style(colours.ground)
+        .bold_line_style(colours.grid)
+        .axis_style(colours.faint)
+        .x_labels(13)
+        .y_labels(8)
+        .x_label_formatter(&|x| if *x == 0.0 { "0".to_owned() } else { signed(-x, 0) })
+        .y_label_formatter(height)
+        .label_style(text(16, colours.text))
+        .axis_desc_style(text(18, colours.text))
+        .x_desc("metres to the left (+) and right (\u{2212}) of the sensor")
+        .y_desc(name)
+        .draw()?;
+    Ok(chart)
 }
 
 /// Axes with a grid.

@@ -2,6 +2,7 @@
 
 use plotters::prelude::*;
 
+use super::axes::{across_road, title as headed};
 use super::drive::span;
 use super::{Error, Theme, signed, text};
 use crate::section::{Part, Place, Section, local_slopes};
@@ -19,10 +20,8 @@ pub fn variation(section: &Section, title: &str, theme: Theme) -> Result<String,
     let mut svg = String::new();
     let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
     let colours = theme.palette();
-    area.fill(&colours.ground)?;
-    area.draw(&Text::new(title.to_owned(), (24, 18), text(24, colours.text)))?;
     let note = "slope of each piece of 1.22 m (a four-foot level); lines: what the profile gives, with 95 % intervals";
-    area.draw(&Text::new(note, (24, 48), text(16, colours.text)))?;
+    headed(&area, &colours, title, note)?;
     let lines = section.lines();
     let outer = lines.iter().map(|line| line.outer.0.abs()).fold(8.0, f64::max);
     let reach = (outer * 1.08).min(30.0);
@@ -30,24 +29,9 @@ pub fn variation(section: &Section, title: &str, theme: Theme) -> Result<String,
         local_slopes(&section.levelled, LEVEL_M).into_iter().filter(|one| one.0.abs() <= reach).collect();
     let (low, high) = span(lines.iter().map(|line| line.slope_deg).chain([0.0]), 4.0, 0.35);
     let plot = area.margin(86, 16, 20, 30);
-    let mut chart = ChartBuilder::on(&plot)
-        .x_label_area_size(48)
-        .y_label_area_size(58)
-        .build_cartesian_2d(-reach..reach, low..high)?;
-    chart
-        .configure_mesh()
-        .light_line_style(colours.ground)
-        .bold_line_style(colours.grid)
-        .axis_style(colours.faint)
-        .x_labels(13)
-        .y_labels(8)
-        .x_label_formatter(&|x| if *x == 0.0 { "0".to_owned() } else { signed(-x, 0) })
-        .y_label_formatter(&|z| if z.abs() < 1e-9 { "0".to_owned() } else { signed(*z, 0) })
-        .label_style(text(16, colours.text))
-        .axis_desc_style(text(18, colours.text))
-        .x_desc("metres to the left (+) and right (\u{2212}) of the sensor")
-        .y_desc("degrees, rising outward")
-        .draw()?;
+    let mut chart = across_road(&plot, &colours, reach, (low, high), "degrees, rising outward", &|z| {
+        if z.abs() < 1e-9 { "0".to_owned() } else { signed(*z, 0) }
+    })?;
     // Windows that lie on two surfaces, and the vehicle's own middle, where outward changes sides, break the line.
     for run in local.chunk_by(|a, b| b.0 - a.0 < 0.25 && (a.0 < 0.0) == (b.0 < 0.0)) {
         let inside = run.iter().map(|&(y, slope)| (-y, slope.clamp(low, high)));
@@ -95,24 +79,9 @@ pub fn runs(runs: &[(String, Section)], title: &str, theme: Theme) -> Result<Str
     let seen = || lowered.iter().flatten().filter(|place| place.0.abs() <= reach);
     let (low, high) = span(seen().map(|place| place.1), 1.0, 0.1);
     let plot = area.margin(86, 16, 20, 30);
-    let mut chart = ChartBuilder::on(&plot)
-        .x_label_area_size(48)
-        .y_label_area_size(58)
-        .build_cartesian_2d(-reach..reach, low..high)?;
-    chart
-        .configure_mesh()
-        .light_line_style(colours.ground)
-        .bold_line_style(colours.grid)
-        .axis_style(colours.faint)
-        .x_labels(13)
-        .y_labels(8)
-        .x_label_formatter(&|x| if *x == 0.0 { "0".to_owned() } else { signed(-x, 0) })
-        .y_label_formatter(&|z| if z.abs() < 1e-9 { "0".to_owned() } else { signed(*z, 1) })
-        .label_style(text(16, colours.text))
-        .axis_desc_style(text(18, colours.text))
-        .x_desc("metres to the left (+) and right (\u{2212}) of the sensor")
-        .y_desc("metres above the road")
-        .draw()?;
+    let mut chart = across_road(&plot, &colours, reach, (low, high), "metres above the road", &|z| {
+        if z.abs() < 1e-9 { "0".to_owned() } else { signed(*z, 1) }
+    })?;
     for (places, colour) in lowered.iter().zip(colours.several()) {
         let inside = places.iter().filter(|place| place.0.abs() <= reach);
         chart.draw_series(inside.map(|&(y, z)| Circle::new((-y, z), 2, colour.filled())))?;

@@ -6,6 +6,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
+use super::axes::{across_road, title as headed};
 use super::{Error, Palette, Theme, signed, text};
 use crate::section::{Fitted, Part, Place, Section};
 
@@ -26,34 +27,16 @@ pub fn section(section: &Section, title: &str, theme: Theme) -> Result<String, E
 
 fn draw(area: &DrawingArea<SVGBackend<'_>, Shift>, section: &Section, title: &str, theme: Theme) -> Result<(), Error> {
     let colours = theme.palette();
-    area.fill(&colours.ground)?;
     let (reach, low, high) = bounds(section);
-    area.draw(&Text::new(title.to_owned(), (24, 18), text(24, colours.text)))?;
     let exaggeration = (2.0 * reach / f64::from(SIZE.0 - 110)) / ((high - low) / f64::from(SIZE.1 - 190));
     let note = format!("seen from behind, heights exaggerated {exaggeration:.1} times");
-    area.draw(&Text::new(note, (24, 48), text(16, colours.text)))?;
+    headed(area, &colours, title, &note)?;
     legend(area, &colours)?;
 
     let plot = area.margin(110, 16, 20, 30);
-    // The axis runs from left to right on the paper, the vehicle's y from right to left.
-    let mut chart = ChartBuilder::on(&plot)
-        .x_label_area_size(48)
-        .y_label_area_size(58)
-        .build_cartesian_2d(-reach..reach, low..high)?;
-    chart
-        .configure_mesh()
-        .light_line_style(colours.ground)
-        .bold_line_style(colours.grid)
-        .axis_style(colours.faint)
-        .x_labels(13)
-        .y_labels(8)
-        .x_label_formatter(&|x| if *x == 0.0 { "0".to_owned() } else { signed(-x, 0) })
-        .y_label_formatter(&|z| if *z < 0.0 { format!("\u{2212}{:.1}", -z) } else { format!("{z:.1}") })
-        .label_style(text(16, colours.text))
-        .axis_desc_style(text(18, colours.text))
-        .x_desc("metres to the left (+) and right (\u{2212}) of the sensor")
-        .y_desc("metres above the sensor")
-        .draw()?;
+    let mut chart = across_road(&plot, &colours, reach, (low, high), "metres above the sensor", &|z| {
+        if *z < 0.0 { format!("\u{2212}{:.1}", -z) } else { format!("{z:.1}") }
+    })?;
 
     let within = |(y, z): &&Place| y.abs() <= reach && *z >= low && *z <= high;
     let dots = |places: &[Place], size: i32, style: ShapeStyle| -> Vec<_> {

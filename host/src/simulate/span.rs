@@ -8,6 +8,7 @@ use crossfall_core::sensors::novatel::crc32;
 use super::motion::{Attitude, Place, Track};
 use super::noise::{Drift, Noise, Purpose};
 use super::scene::{Ins, Scene};
+use crate::track::LEAP_SECONDS;
 
 /// One frame.
 #[derive(Clone, Debug)]
@@ -193,9 +194,6 @@ const WEEK_S: u64 = 604_800;
 fn in_week(week: u16, seconds: u64) -> (u16, u64) {
     (week.wrapping_add((seconds / WEEK_S) as u16), seconds % WEEK_S)
 }
-
-/// GPS time minus UTC since 2017.
-const LEAP_SECONDS: u64 = 18;
 
 /// A TIME log (101) with its long header, valid at a whole second.
 fn time_log(week: u16, seconds: u64) -> Vec<u8> {
