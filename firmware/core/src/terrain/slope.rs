@@ -4,7 +4,7 @@
 //! Each tile's medians are pooled over its 3 x 3 neighbourhood, weighted by their pairs.
 
 use super::tile::{TILE_CELLS, TILE_SIDE, Tile, TileKey};
-use super::window::Window;
+use super::window::{Neighbours, Window};
 
 /// Cells between the two ends of a difference.
 const SPAN: usize = 4;
@@ -28,8 +28,9 @@ pub(crate) fn measure(tile: &mut Tile) {
     }
     tile.known = known as u16;
     tile.ground = sum.checked_div(known).unwrap_or(0) as i16;
-    let (x, x_pairs) = median_rise(tile, 1);
-    let (y, y_pairs) = median_rise(tile, TILE_SIDE);
+    let masks = tile.known_masks();
+    let (x, x_pairs) = median_rise(&tile.height, &masks, 1);
+    let (y, y_pairs) = median_rise(&tile.height, &masks, TILE_SIDE);
     tile.own_rise = [x, y];
     tile.pairs = [x_pairs, y_pairs];
 }
@@ -38,10 +39,10 @@ type Rises = [i16; TILE_CELLS];
 
 /// Median of the rises over four cells along x (`stride` 1) or y (`stride` 16), and how many there are. A sparse tile
 /// uses another span where that has more pairs.
-fn median_rise(tile: &Tile, stride: usize) -> (i16, u8) {
+fn median_rise(heights: &Rises, known: &Rises, stride: usize) -> (i16, u8) {
     let mut best: (Rises, u16, usize) = ([NONE; TILE_CELLS], 0, SPAN);
     for span in [SPAN, 8, 3] {
-        let (rises, pairs) = rises(tile, stride, span);
+        let (rises, pairs) = rises(heights, known, stride, span);
         if pairs > best.1 {
             best = (rises, pairs, span);
         }
@@ -59,13 +60,12 @@ fn limit(span: usize) -> i16 {
     STEEPEST / SPAN as i16 * span as i16
 }
 
-fn rises(tile: &Tile, stride: usize, span: usize) -> (Rises, u16) {
+fn rises(heights: &Rises, known: &Rises, stride: usize, span: usize) -> (Rises, u16) {
     let mut rises = [NONE; TILE_CELLS];
-    let known = tile.known_masks();
     let limit = limit(span);
     let reach = (span * stride).min(TILE_CELLS);
-    let ends = tile.height.iter().zip(&known).skip(reach);
-    let starts = tile.height.iter().zip(&known);
+    let ends = heights.iter().zip(known).skip(reach);
+    let starts = heights.iter().zip(known);
     let mut count = 0u16;
     for (rise, ((h0, k0), (h1, k1))) in rises.iter_mut().zip(starts.zip(ends)) {
         let difference = h1.wrapping_sub(*h0);
@@ -115,42 +115,44 @@ fn at_most(rises: &Rises, bound: i16) -> u16 {
 }
 
 /// Pools the medians of a tile's neighbourhood: none where nothing around is known well enough.
-pub(crate) fn pool(window: &Window<'_>, key: TileKey) -> Option<[i16; 2]> {
+pub(crate) fn pool(window: &Window<'_>, around: &Neighbours<'_>, key: TileKey) -> Option<[i16; 2]> {
     let mut out = [0i16; 2];
     for (axis, out) in out.iter_mut().enumerate() {
-        let mut reach = 1i32;
-        *out = loop {
-            match weighted_median(window, key, axis, reach) {
-                Some(median) => break median,
-                None if reach < 3 => reach += 1,
-                None => return None,
-            }
-        };
+        // The tile itself counts double.
+        let near = around.iter().enumerate().map(|(place, tile)| (tile, if place == 4 { 2 } else { 1 }));
+        let found = weighted_median(near, axis);
+        let found = found.or_else(|| weighted_median(square(window, key, 2), axis));
+        *out = found.or_else(|| weighted_median(square(window, key, 3), axis))?;
     }
     Some(out)
 }
 
-fn weighted_median(window: &Window<'_>, key: TileKey, axis: usize, reach: i32) -> Option<i16> {
+/// The tiles up to `reach` away.
+fn square<'w>(window: &'w Window<'_>, key: TileKey, reach: i32) -> impl Iterator<Item = (Option<&'w Tile>, u16)> {
+    (-reach..=reach).flat_map(move |dy| {
+        (-reach..=reach).map(move |dx| {
+            let near = TileKey { x: key.x.wrapping_add(dx), y: key.y.wrapping_add(dy) };
+            (window.tile(near), if dx == 0 && dy == 0 { 2 } else { 1 })
+        })
+    })
+}
+
+fn weighted_median<'w>(tiles: impl Iterator<Item = (Option<&'w Tile>, u16)>, axis: usize) -> Option<i16> {
     // 7 x 7 at most.
     let mut held = [(0i16, 0u16); 49];
     let mut used = 0;
     let mut total = 0u16;
-    for dy in -reach..=reach {
-        for dx in -reach..=reach {
-            let Some(tile) = window.tile(TileKey { x: key.x.wrapping_add(dx), y: key.y.wrapping_add(dy) }) else {
-                continue;
-            };
-            let pairs = tile.pairs.get(axis).copied().unwrap_or(0);
-            if pairs == 0 {
-                continue;
-            }
-            // The tile itself counts double.
-            let weight = u16::from(pairs.min(64)) * if dx == 0 && dy == 0 { 2 } else { 1 };
-            if let Some(entry) = held.get_mut(used) {
-                *entry = (tile.own_rise.get(axis).copied().unwrap_or(0), weight);
-                used += 1;
-                total += weight;
-            }
+    for (tile, times) in tiles {
+        let Some(tile) = tile else { continue };
+        let pairs = tile.pairs.get(axis).copied().unwrap_or(0);
+        if pairs == 0 {
+            continue;
+        }
+        let weight = u16::from(pairs.min(64)) * times;
+        if let Some(entry) = held.get_mut(used) {
+            *entry = (tile.own_rise.get(axis).copied().unwrap_or(0), weight);
+            used += 1;
+            total += weight;
         }
     }
     if total < u16::from(ENOUGH) {
