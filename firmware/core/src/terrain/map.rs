@@ -195,11 +195,16 @@ impl<'a> TerrainMap<'a> {
         }
         self.sensor_um = pose.position_um;
         self.forward = [pose.rotation[0][0], pose.rotation[1][0]];
-        self.move_window(pose, &mut retired);
+        let origin = self.origin_at(pose);
+        self.window.place(origin, &mut retired);
 
         let mut projection = Projection::new(pose, self.cell_um, &self.window, self.datum_um);
         let reach = (self.config.nearest_m, self.config.farthest_m);
-        let (alignment, correction) = align(points, &projection, &self.window, self.pairs, reach, self.config.cell_m);
+        let (alignment, correction) = if self.config.push_broom {
+            Default::default()
+        } else {
+            align(points, &projection, &self.window, self.pairs, reach, self.config.cell_m)
+        };
         report.alignment = alignment;
         if alignment.compared >= 300 && alignment.within.saturating_mul(3) < alignment.compared {
             self.misfits = self.misfits.saturating_add(1);
@@ -232,10 +237,14 @@ impl<'a> TerrainMap<'a> {
         self.tell_standing(used, &mut report.points);
         self.fuse(used, &mut report.points);
         let stamp = self.stamp();
-        raise(&mut self.window, self.marks, stamp);
-        report.cleared =
-            look_through(&mut self.window, self.marks, &self.image, &projection, pose, &self.config, stamp);
-        report.refreshed = self.refresh(false);
+        // In a line's only look at a place its first hit is all there will be.
+        raise(&mut self.window, self.marks, if self.config.push_broom { TALL_CERTAIN } else { 1 }, stamp);
+        if !self.config.push_broom {
+            report.cleared =
+                look_through(&mut self.window, self.marks, &self.image, &projection, pose, &self.config, stamp);
+        }
+        let due = self.schedule();
+        report.refreshed = self.refresh(due);
         report
     }
 
@@ -275,25 +284,41 @@ impl<'a> TerrainMap<'a> {
         true
     }
 
-    fn move_window(&mut self, pose: &Pose, retired: &mut impl FnMut(&Tile)) {
+    /// Where the window's lowest corner goes with a pose.
+    fn origin_at(&self, pose: &Pose) -> TileKey {
         let tile_um = self.cell_um.wrapping_mul(16).max(1);
         let [forward_x, forward_y] = [pose.rotation[0][0], pose.rotation[1][0]];
         let ahead_um = self.config.ahead_m * 1e6;
-        let key = |position: i64, forward: f32| {
-            let centre = position.wrapping_add((forward * ahead_um) as i64);
-            // Within 4,000 km and tiles of at least 0.8 m: 23 bits.
-            centre.div_euclid(tile_um) as i32
-        };
         let half = i32::from(self.window.side / 2);
-        let centre = TileKey { x: key(pose.position_um[0], forward_x), y: key(pose.position_um[1], forward_y) };
+        let corner = |position: i64, forward: f32| {
+            let centre = position.saturating_add((forward * ahead_um) as i64);
+            // Within 4,000 km and tiles of at least 0.8 m: 23 bits.
+            (centre.div_euclid(tile_um) as i32).wrapping_sub(half)
+        };
+        let origin = TileKey { x: corner(pose.position_um[0], forward_x), y: corner(pose.position_um[1], forward_y) };
         // Wait for two tiles of motion, so that the border does not churn with every wobble of the heading.
-        let origin = TileKey { x: centre.x.wrapping_sub(half), y: centre.y.wrapping_sub(half) };
         let held = self.window.origin;
         let near = |a: i32, b: i32| a.wrapping_sub(b).unsigned_abs() <= 1;
-        if self.frame != 0 && near(origin.x, held.x) && near(origin.y, held.y) {
+        if self.frame != 0 && near(origin.x, held.x) && near(origin.y, held.y) { held } else { origin }
+    }
+
+    /// Brings risk and classes up to date of the tiles that a frame with this pose will hand over as retired. Callers who
+    /// keep them call it before that frame; the others save themselves the work.
+    pub fn finish_leaving(&mut self, pose: &Pose) {
+        let origin = self.origin_at(pose);
+        if self.frame == 0 || origin == self.window.origin {
             return;
         }
-        self.window.place(origin, retired);
+        let side = u32::from(self.window.side);
+        let leaves = move |key: TileKey| {
+            key.x.wrapping_sub(origin.x) as u32 >= side || key.y.wrapping_sub(origin.y) as u32 >= side
+        };
+        self.refresh(|_, tile| tile.dirty && leaves(tile.key));
+        for slot in 0..self.window.tiles.len() {
+            if self.window.tiles.get(slot).is_some_and(|tile| leaves(tile.key)) {
+                self.classify_slot(slot);
+            }
+        }
     }
 
     fn tell_standing(&mut self, used: usize, counts: &mut PointCounts) {
@@ -338,14 +363,14 @@ impl<'a> TerrainMap<'a> {
         for tile in self.window.tiles.iter_mut() {
             tile.dirty = tile.in_use;
         }
-        self.refresh(true);
+        self.refresh(|_, tile| tile.dirty);
         for slot in 0..self.window.tiles.len() {
             self.classify_slot(slot);
         }
     }
 
     /// Which tiles are told anew in this frame: every so manyth, and of those far off every other.
-    fn schedule(&self, all: bool) -> impl Fn(usize, &Tile) -> bool + use<> {
+    fn schedule(&self) -> impl Fn(usize, &Tile) -> bool + use<> {
         let every = u32::from(self.config.refresh_every.max(1));
         let frame = self.frame;
         let tile_um = self.cell_um.wrapping_mul(16).max(1);
@@ -358,12 +383,11 @@ impl<'a> TerrainMap<'a> {
         move |slot, tile| {
             let far = tile.key.x.abs_diff(here.x).max(tile.key.y.abs_diff(here.y)) > near;
             let every = if far { 2 * every } else { every };
-            tile.dirty && (all || (slot as u32).wrapping_add(frame).checked_rem(every) == Some(0))
+            tile.dirty && (slot as u32).wrapping_add(frame).checked_rem(every) == Some(0)
         }
     }
 
-    fn refresh(&mut self, all: bool) -> u32 {
-        let due = self.schedule(all);
+    fn refresh(&mut self, due: impl Fn(usize, &Tile) -> bool) -> u32 {
         for (slot, tile) in self.window.tiles.iter_mut().enumerate() {
             if due(slot, tile) {
                 measure(tile);
