@@ -390,7 +390,7 @@ impl<'a> TerrainMap<'a> {
     fn refresh(&mut self, due: impl Fn(usize, &Tile) -> bool) -> u32 {
         for (slot, tile) in self.window.tiles.iter_mut().enumerate() {
             if due(slot, tile) {
-                measure(tile);
+                measure(tile, !self.config.push_broom);
             }
         }
         let mut refreshed = 0;

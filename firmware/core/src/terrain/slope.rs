@@ -18,16 +18,33 @@ const ENOUGH: u16 = 6;
 /// wrong by 3 %, which between two rings a metre apart is a step of 3 cm.
 const SURE: u16 = 40;
 
-/// Works a tile's mean height and its own medians out anew.
-pub(crate) fn measure(tile: &mut Tile) {
+/// Known cells from which a tile's first impressions are reviewed: an eighth.
+const REVIEWED: u16 = 32;
+/// Height above the tile's floor from which a first impression is given up, 0.17 m: above a curb of 15 cm, below a car's flank.
+const IMPRESSION: i16 = 680;
+
+/// Works a tile's mean height and its own medians out anew. With `review`, the first time that enough of it is known.
+///
+/// What a tile far off shows first may be the flank of a car, taken for ground because there was none to tell it from. When more is known, cells
+/// that stand high above the tile's floor are given up, once: a low wall is seen again, the car has gone.
+pub(crate) fn measure(tile: &mut Tile, review: bool) {
+    survey(tile);
+    if review && !tile.reviewed && tile.known >= REVIEWED {
+        tile.reviewed = true;
+        if give_up_impressions(tile) {
+            survey(tile);
+        }
+    }
+}
+
+fn survey(tile: &mut Tile) {
     let mut known = 0i32;
     let mut sum = 0i32;
     for (height, margin) in tile.height.iter().zip(&tile.margin) {
-        if *margin != 0 {
-            known += 1;
-            // 256 x 32,000 stays within 31 bits.
-            sum += i32::from(*height);
-        }
+        let mask = -i32::from(*margin != 0);
+        known -= mask;
+        // 256 x 32,000 stays within 31 bits.
+        sum += i32::from(*height) & mask;
     }
     tile.known = known as u16;
     tile.ground = sum.checked_div(known).unwrap_or(0) as i16;
@@ -36,6 +53,27 @@ pub(crate) fn measure(tile: &mut Tile) {
     let (y, y_pairs) = median_rise(&tile.height, &masks, TILE_SIDE);
     tile.own_rise = [x, y];
     tile.pairs = [x_pairs, y_pairs];
+}
+
+/// Empties cells high above the level that a tenth of the tile's cells keep below, its gradient taken out; whether there were any.
+fn give_up_impressions(tile: &mut Tile) -> bool {
+    let mut levels = [NONE; TILE_CELLS];
+    for (index, (level, (height, margin))) in levels.iter_mut().zip(tile.height.iter().zip(&tile.margin)).enumerate() {
+        if *margin != 0 {
+            let (column, row) = ((index & 15) as i32 - 8, (index >> 4) as i32 - 8);
+            let slope = (i32::from(tile.own_rise[0]) * column + i32::from(tile.own_rise[1]) * row) / SPAN as i32;
+            *level = (i32::from(*height) - slope).clamp(-32_000, 32_000) as i16;
+        }
+    }
+    let floor = quantile(&levels, tile.known / 10 + 1, 32_000);
+    let mut any = false;
+    for (index, level) in levels.iter().enumerate() {
+        if *level != NONE && *level > floor.saturating_add(IMPRESSION) {
+            tile.clear(index as u8);
+            any = true;
+        }
+    }
+    any
 }
 
 type Rises = [i16; TILE_CELLS];
@@ -89,17 +127,18 @@ fn rises(heights: &Rises, known: &Rises, stride: usize, span: usize) -> (Rises, 
     (rises, count)
 }
 
-/// Smallest value with at least half of the pairs at or below it, by bisection on the value: counting is a branchless pass
-/// over 256 words.
+/// Smallest value with at least half of the pairs at or below it.
 fn median(rises: &Rises, pairs: u16, limit: i16) -> i16 {
-    if pairs == 0 {
-        return 0;
-    }
-    let half = pairs.div_ceil(2);
+    if pairs == 0 { 0 } else { quantile(rises, pairs.div_ceil(2), limit) }
+}
+
+/// Smallest value from `-limit` to `limit` with at least `count` of the values at or below it, by bisection on the value: counting is
+/// a branchless pass over 256 words.
+fn quantile(values: &Rises, count: u16, limit: i16) -> i16 {
     let (mut low, mut high) = (-limit, limit);
     while low < high {
-        let middle = (low + high) >> 1;
-        if at_most(rises, middle) >= half {
+        let middle = ((i32::from(low) + i32::from(high)) >> 1) as i16;
+        if at_most(values, middle) >= count {
             high = middle;
         } else {
             low = middle + 1;

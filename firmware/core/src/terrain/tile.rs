@@ -98,6 +98,8 @@ pub struct Tile {
     pub(crate) in_use: bool,
     pub(crate) dirty: bool,
     pub(crate) has_tall: bool,
+    /// First impressions have been reviewed.
+    pub(crate) reviewed: bool,
     /// Some cell's risk changed since the classes were told.
     pub(crate) unclassified: bool,
     pub(crate) height: [i16; TILE_CELLS],
@@ -127,6 +129,7 @@ impl Tile {
         in_use: false,
         dirty: false,
         has_tall: false,
+        reviewed: false,
         unclassified: false,
         height: [0; TILE_CELLS],
         weight: [0; TILE_CELLS],
