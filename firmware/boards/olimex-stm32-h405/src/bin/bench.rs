@@ -14,11 +14,11 @@ use core::panic::PanicInfo;
 use cortex_m_rt::entry;
 use cortex_m_semihosting::{debug, hprintln, syscall};
 use crossfall_core::instrument::{Event, Survey};
-use crossfall_core::scan::{MAX_BEAMS, Points, RawScan, RollTrack, level};
+use crossfall_core::scan::{Points, RawScan, RollTrack, level};
 use crossfall_protocol::frame::{self, HostDecoder, MAX_MESSAGE_FRAME};
-use crossfall_protocol::message::{Message, Profile, Scan, ScanMode};
+use crossfall_protocol::message::{Message, Profile, Scan};
 use crossfall_protocol::ranges::{self, MAX_CODE};
-use crossfall_protocol::{Angle, Config, DeviceTime};
+use crossfall_protocol::{Angle, Config};
 use embassy_stm32::pac;
 
 const INPUT: &[u8] = b"bench.wire\0";
@@ -122,13 +122,11 @@ struct Bench {
 
 impl Bench {
     fn new(overhead: u32) -> Self {
-        let mode = ScanMode { span_deg: 180, step_cdeg: 50, measuring: 0 };
-        let (stx, values) = (DeviceTime(0), [0; MAX_BEAMS]);
         Self {
             overhead,
             survey: Survey::new(),
             points: Points::new(),
-            room: RawScan { index: 0, stx, layout: 0, mode, status: 0, counters: None, values },
+            room: RawScan::EMPTY,
             made: heapless::Deque::new(),
             level: Stage::default(),
             surveyed: Stage::default(),
