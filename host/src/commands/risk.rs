@@ -22,7 +22,7 @@ use crossfall_core::terrain::{Decision, FrameReport, Refusal, TerrainConfig};
 use super::progress::Progress;
 use super::{Outcome, say, say_json, tell};
 
-/// Elevation and driving risk maps (GeoTIFF, PNG, CSV of cells) from 3-D LiDAR frames or a drive
+/// Elevation and driving risk maps (GeoTIFF, PNG, CSV of cells) from 3-D LiDAR frames
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -125,8 +125,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if args.series.is_some() {
         fs::create_dir_all(&series).with_context(|| format!("creating {}", series.display()))?;
     }
-    let config =
-        TerrainConfig { cell_m: args.cell, wheel_radius_mm: args.wheel * 1000.0, ..TerrainConfig::default() };
+    let config = TerrainConfig { cell_m: args.cell, wheel_radius_mm: args.wheel * 1000.0, ..TerrainConfig::default() };
     // Frames above a million points are thinned by nobody here: the core counts what does not fit.
     let capacity = source.largest()?.clamp(1, 1 << 20);
     let mut workshop = source.workshop(config, args.range, capacity);

@@ -285,7 +285,8 @@ impl FrameFolder {
                     return Err(Error::Size { path: path.clone(), bytes: data.len() as u64 });
                 }
                 for point in data.as_chunks::<16>().0 {
-                    let value = |at: usize| f32::from_le_bytes([point[at], point[at + 1], point[at + 2], point[at + 3]]);
+                    let value =
+                        |at: usize| f32::from_le_bytes([point[at], point[at + 1], point[at + 2], point[at + 3]]);
                     put([value(0), value(4), value(8)].map(f64::from), value(12));
                 }
                 Ok(())

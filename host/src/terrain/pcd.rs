@@ -123,9 +123,8 @@ fn header(path: &Path, data: &[u8]) -> Result<Header, Error> {
         };
         let mut words = line.split_whitespace();
         let Some(key) = words.next().filter(|key| !key.starts_with('#')) else { continue };
-        let whole = |word: &str| {
-            word.parse::<usize>().map_err(|_| wrong(here, format!("{key}: '{word}' is no whole number")))
-        };
+        let whole =
+            |word: &str| word.parse::<usize>().map_err(|_| wrong(here, format!("{key}: '{word}' is no whole number")));
         match key {
             "VERSION" | "VIEWPOINT" => {}
             "FIELDS" | "COLUMNS" => names = words.map(str::to_owned).collect(),
@@ -134,8 +133,13 @@ fn header(path: &Path, data: &[u8]) -> Result<Header, Error> {
             "COUNT" => counts = words.map(whole).collect::<Result<_, _>>()?,
             "WIDTH" | "HEIGHT" | "POINTS" => {
                 let value = whole(words.next().unwrap_or(""))?;
-                *(if key == "WIDTH" { &mut width } else if key == "HEIGHT" { &mut height } else { &mut points }) =
-                    Some(value);
+                *(if key == "WIDTH" {
+                    &mut width
+                } else if key == "HEIGHT" {
+                    &mut height
+                } else {
+                    &mut points
+                }) = Some(value);
             }
             "DATA" => match words.next() {
                 Some("ascii") => break Data::Ascii,

@@ -109,8 +109,7 @@ fn between(from: &SensorPose, to: &SensorPose, part: f64) -> SensorPose {
     let x = unit(x);
     let along = dot(x, y);
     let y = unit([y[0] - along * x[0], y[1] - along * x[1], y[2] - along * x[2]]);
-    out.rotation =
-        [x, y, [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]]];
+    out.rotation = [x, y, [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]]];
     out
 }
 
@@ -185,4 +184,3 @@ fn through_camera(pose: &SensorPose, tr: &SensorPose) -> SensorPose {
     }
     product(&inverse, &product(pose, tr))
 }
-

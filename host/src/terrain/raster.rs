@@ -70,7 +70,14 @@ impl Raster {
         let span = |axis: usize| (high[axis] - low[axis] + 1) as usize * side;
         let cell_m = mapper.map().cell_um() as f64 * 1e-6;
         let corner = [f64::from(low[0]), f64::from(low[1])].map(|tile| tile * side as f64 * cell_m);
-        let mut raster = Self { cell_m, corner, width: span(0), height: span(1), georeference: None, cells: vec![None; span(0) * span(1)] };
+        let mut raster = Self {
+            cell_m,
+            corner,
+            width: span(0),
+            height: span(1),
+            georeference: None,
+            cells: vec![None; span(0) * span(1)],
+        };
         for (key, tile) in tiles {
             for row in 0..side {
                 for column in 0..side {
@@ -221,8 +228,7 @@ impl Raster {
             // model, pixels are areas, the system's EPSG code or a user-defined one (32767), metres.
             let tags = image.encoder();
             tags.write_tag(Tag::ModelPixelScaleTag, &[self.cell_m, self.cell_m, 0.0][..]).with_context(writing)?;
-            tags.write_tag(Tag::ModelTiepointTag, &[0.0, 0.0, 0.0, left, top, 0.0][..])
-                .with_context(writing)?;
+            tags.write_tag(Tag::ModelTiepointTag, &[0.0, 0.0, 0.0, left, top, 0.0][..]).with_context(writing)?;
             let system = self.georeference.map_or(32_767, |(_, epsg)| epsg);
             let keys: [u16; 20] = [1, 1, 1, 4, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, system, 3076, 0, 1, 9001];
             tags.write_tag(Tag::GeoKeyDirectoryTag, &keys[..]).with_context(writing)?;

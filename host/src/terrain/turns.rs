@@ -71,7 +71,8 @@ impl Packets {
                             shown = false;
                         }
                         PcapBlockOwned::Legacy(packet) => {
-                            let (link, ticks, _) = self.interfaces.first().copied().unwrap_or((Linktype(1), 1_000_000, 0));
+                            let (link, ticks, _) =
+                                self.interfaces.first().copied().unwrap_or((Linktype(1), 1_000_000, 0));
                             let time = f64::from(packet.ts_sec) + f64::from(packet.ts_usec) / ticks as f64;
                             see(payload(link, packet.data).map(|payload| (time, payload)));
                         }
@@ -195,7 +196,9 @@ impl Reader {
                                 *time += (seen.after_us - last_us) * 1e-6;
                             }
                         }
-                        Err(Refusal::Size | Refusal::Flag | Refusal::Azimuth | Refusal::Model(_)) => passed.refused += 1,
+                        Err(Refusal::Size | Refusal::Flag | Refusal::Azimuth | Refusal::Model(_)) => {
+                            passed.refused += 1
+                        }
                     }
                 }
                 _ => passed.other += 1,
