@@ -1,0 +1,69 @@
+//! Writes simulated sections for other programs to fit, and prints what the survey makes of them: `cargo run --release -p crossfall-core --example
+//! export_scenes FOLDER [SECTIONS]`.
+//!
+//! One file a set, one line a slope: set, section, side, slope, its true inclination in degrees, then the levelled returns (y z in metres) from 0.3 m before
+//! its true beginning to 0.3 m past its true end. Whoever reads it need not search: the windows are given, the levelling is done.
+
+#[path = "../tests/scenes/mod.rs"]
+mod scenes;
+
+use std::fmt::Write as _;
+
+use crossfall_core::protocol::Config;
+use crossfall_core::scan::{Points, level};
+use scenes::{Family, Random, Scene, Truth, scene, tally};
+
+const SEED: u64 = 1;
+
+/// How far a window reaches beyond the ends of its slope, in metres.
+const MARGIN_M: f64 = 0.3;
+
+fn main() -> std::io::Result<()> {
+    let mut arguments = std::env::args().skip(1);
+    let folder = arguments.next().unwrap_or_else(|| ".".to_owned());
+    let sections = arguments.next().and_then(|text| text.parse().ok()).unwrap_or(1000);
+    let sets = [
+        ("plain-3.5", Family::plain("3.5 mm", 0.0035)),
+        ("plain-10", Family::plain("10 mm", 0.010)),
+        ("grass-10", Family::grass("10 mm, grass", 0.010)),
+    ];
+    println!("{:>14} {:>12} {:>22} {:>18}", "set", "us a scan", "RMS degrees adj / opp", "above 1 degree");
+    for (file, family) in sets {
+        let mut random = Random::new(SEED);
+        let mut text = String::new();
+        for index in 0..sections {
+            write_section(&mut text, file, index, &scene(&family, &mut random, index));
+        }
+        std::fs::write(format!("{folder}/{file}.txt"), text)?;
+        let tally = tally::run(&family, sections, SEED);
+        let (adjacent, opposing) = (&tally.adjacent, &tally.opposing);
+        println!(
+            "{file:>14} {:>12.1} {:>13.3} / {:.3} {:>12} / {}",
+            tally.us,
+            adjacent.rms(),
+            opposing.rms(),
+            adjacent.far,
+            opposing.far
+        );
+    }
+    Ok(())
+}
+
+fn write_section(text: &mut String, set: &str, index: u32, scene: &Scene) {
+    let mut points = Points::new();
+    level(&scene.scan, &scene.track, &Config::default().scanner, &mut points);
+    let places: Vec<(f64, f64)> =
+        points.iter().map(|echo| (f64::from(echo.point.y_um) * 1e-6, f64::from(echo.point.z_um) * 1e-6)).collect();
+    for (side, truth, outward) in [("left", &scene.left, 1.0), ("right", &scene.right, -1.0)] {
+        let Truth { edge_m, foot_m, adjacent_deg, opposing_start_m, top_m, opposing_deg, .. } = *truth;
+        let opposing = opposing_deg.map(|degrees| ("opposing", degrees, opposing_start_m, top_m));
+        for (slope, degrees, from, to) in [("adjacent", adjacent_deg, edge_m, foot_m)].into_iter().chain(opposing) {
+            let _ = write!(text, "{set} {index} {side} {slope} {degrees:.9}");
+            let window = (from - MARGIN_M)..(to + MARGIN_M);
+            for (y, z) in places.iter().map(|(y, z)| (y * outward, *z)).filter(|(y, _)| window.contains(y)) {
+                let _ = write!(text, " {y:.6} {z:.6}");
+            }
+            text.push('\n');
+        }
+    }
+}
