@@ -158,7 +158,7 @@ pub struct Sample {
 pub fn read(path: &Path) -> Result<Drive, Error> {
     let mut stream = Stream::open(path)?;
     let mut drive = Drive::default();
-    let mut room = ground::empty_scan();
+    let mut room = RawScan::EMPTY;
     while let Some((_, item)) = stream.next() {
         let Item::Message { message, .. } = item else {
             drive.damage += 1;

@@ -8,9 +8,9 @@ use std::path::Path;
 use crossfall_core::attitude::History;
 use crossfall_core::instrument::{Event, WAITING};
 use crossfall_core::protocol::frame::Gap;
-use crossfall_core::protocol::message::{Message, Profile, ScanMode, Session};
-use crossfall_core::protocol::{Angle, Config, DeviceTime};
-use crossfall_core::scan::{MAX_BEAMS, Points, RawScan, RollTrack, level};
+use crossfall_core::protocol::message::{Message, Profile, Session};
+use crossfall_core::protocol::{Angle, Config};
+use crossfall_core::scan::{Points, RawScan, RollTrack, level};
 
 use crate::container::Error;
 use crate::section::{Place, Section};
@@ -52,22 +52,13 @@ impl Walk {
     /// # Errors
     /// As of [`Stream::open`].
     pub fn open(path: &Path) -> Result<Self, Error> {
-        let mode = ScanMode { span_deg: 180, step_cdeg: 50, measuring: 6 };
         Ok(Self {
             stream: Stream::open(path)?,
             history: History::default(),
             track: Track::default(),
             config: Config::default(),
             recent: VecDeque::new(),
-            room: RawScan {
-                index: 0,
-                stx: DeviceTime(0),
-                layout: 0,
-                mode,
-                status: 0,
-                counters: None,
-                values: [0; MAX_BEAMS],
-            },
+            room: RawScan::EMPTY,
             damage: 0,
             unmatched: 0,
             offset: 0,

@@ -4,9 +4,9 @@
 //! finds room. Both halves are first in, first out, so that the scan at the head belongs to the first [`Work::Scan`].
 
 use crossfall_core::instrument::Event;
-use crossfall_core::scan::{MAX_BEAMS, RawScan};
-use crossfall_protocol::message::{Message, Pose, ScanMode, Session};
-use crossfall_protocol::{Config, DeviceTime};
+use crossfall_core::scan::RawScan;
+use crossfall_protocol::Config;
+use crossfall_protocol::message::{Message, Pose, Session};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{Channel, Receiver, Sender};
 
@@ -16,8 +16,9 @@ pub const INPUTS: usize = 16;
 /// Scans that may wait: 80 ms at 37.5 a second.
 pub const SCANS: usize = 3;
 
-/// One input of the survey.
+/// One input of the survey. Of a stated layout, so that empty places are nothing but zeros: the board's image holds none of them.
 #[derive(Clone, Copy, Debug)]
+#[repr(u8)]
 pub enum Work {
     /// The next scan of the other half.
     Scan,
@@ -45,16 +46,7 @@ impl Places {
     /// Empty places.
     #[must_use]
     pub const fn new() -> Self {
-        const EMPTY: RawScan = RawScan {
-            index: 0,
-            stx: DeviceTime(0),
-            layout: 0,
-            mode: ScanMode { span_deg: 180, step_cdeg: 50, measuring: 0 },
-            status: 0,
-            counters: None,
-            values: [0; MAX_BEAMS],
-        };
-        Self { inputs: [Work::Scan; INPUTS], scans: [EMPTY; SCANS] }
+        Self { inputs: [Work::Scan; INPUTS], scans: [RawScan::EMPTY; SCANS] }
     }
 }
 

@@ -5,9 +5,9 @@
 //! has in height: the square of the cosine of its beam's angle from straight down, and a fifth of that noise for the surface.
 
 use crossfall_core::attitude::{HISTORY, History, ScanRoll};
-use crossfall_core::protocol::message::{ScanMode, flags};
+use crossfall_core::protocol::message::flags;
 use crossfall_core::protocol::{DeviceTime, config};
-use crossfall_core::scan::{self, MAX_BEAMS, Points, RawScan};
+use crossfall_core::scan::{self, Points, RawScan};
 
 use super::{Drive, Sample};
 use crate::profiles::degrees;
@@ -190,17 +190,4 @@ fn weighted_line(points: &[(f64, f64)], weights: &[f64]) -> Option<Weighted> {
     }
     let slope = product / spread;
     (total > 0.0 && spread > 0.0).then_some(Weighted { height: mean_z - slope * mean_y, slope, spread })
-}
-
-/// Room for a scan that is about to be decoded.
-pub fn empty_scan() -> RawScan {
-    RawScan {
-        index: 0,
-        stx: DeviceTime(0),
-        layout: 0,
-        mode: ScanMode { span_deg: 180, step_cdeg: 50, measuring: config::Config::default().scanner.measuring_mode },
-        status: 0,
-        counters: None,
-        values: [0; MAX_BEAMS],
-    }
 }

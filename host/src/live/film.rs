@@ -303,7 +303,7 @@ impl LogFilm {
             Message::Scan(scan) => {
                 self.latest = scan.stx;
                 if self.running {
-                    let mut room = self.room.take().unwrap_or_else(|| Box::new(super::empty_scan()));
+                    let mut room = self.room.take().unwrap_or_else(|| Box::new(RawScan::EMPTY));
                     if let Ok(event) = Event::of(message, &mut room) {
                         self.show(&event, out);
                     }

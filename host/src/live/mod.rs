@@ -23,10 +23,6 @@ mod tape;
 mod track_sketch;
 mod view;
 
-use crossfall_core::protocol::DeviceTime;
-use crossfall_core::protocol::message::ScanMode;
-use crossfall_core::scan::{MAX_BEAMS, RawScan};
-
 pub use commands::{Refusal, Request};
 pub use hub::{Cursor, Hub, News};
 pub use lamps::{Lamp, Light};
@@ -34,16 +30,3 @@ pub use session::{Error, Live, Source};
 pub use state::{Lamps, Phase, Recording, State};
 pub use tape::drive_name;
 pub use view::{Piece, Section, SideView, Strip};
-
-/// Room for a scan that is about to be decoded.
-fn empty_scan() -> RawScan {
-    RawScan {
-        index: 0,
-        stx: DeviceTime(0),
-        layout: 0,
-        mode: ScanMode { span_deg: 180, step_cdeg: 50, measuring: 6 },
-        status: 0,
-        counters: None,
-        values: [0; MAX_BEAMS],
-    }
-}

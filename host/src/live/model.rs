@@ -125,7 +125,7 @@ impl Model {
             source,
             unheard,
             decoder: Box::new(HostDecoder::new()),
-            room: Box::new(super::empty_scan()),
+            room: Box::new(RawScan::EMPTY),
             points: Box::default(),
             config: Config::default(),
             config_number: 0,
@@ -181,7 +181,7 @@ impl Model {
                 self.hub.lock().config = Some(*config);
             }
             Message::Scan(_) => {
-                let mut room = std::mem::replace(&mut self.room, Box::new(super::empty_scan()));
+                let mut room = std::mem::replace(&mut self.room, Box::new(RawScan::EMPTY));
                 if let Ok(Event::Scan(scan)) = Event::of(message, &mut room) {
                     self.scan(scan);
                 }

@@ -5,9 +5,9 @@ use std::collections::VecDeque;
 use crossfall_core::attitude::HISTORY;
 use crossfall_core::clock::WINDOW;
 use crossfall_core::instrument::{ClockReplay, Event, Survey, WAITING};
-use crossfall_core::protocol::message::{Message, Pose, Profile, Pulse, ScanMode, Session, Skip};
+use crossfall_core::protocol::message::{Message, Pose, Profile, Pulse, Session, Skip};
 use crossfall_core::protocol::{Config, DeviceTime};
-use crossfall_core::scan::{MAX_BEAMS, RawScan};
+use crossfall_core::scan::RawScan;
 
 /// How much must have come since a gap before answers count again.
 #[derive(Clone, Copy, Debug, Default)]
@@ -49,15 +49,7 @@ impl Default for Replay {
             unsure: Unsure::default(),
             session_known: false,
             joining: false,
-            scan: RawScan {
-                index: 0,
-                stx: DeviceTime(0),
-                layout: 0,
-                mode: ScanMode { span_deg: 180, step_cdeg: 50, measuring: 6 },
-                status: 0,
-                counters: None,
-                values: [0; MAX_BEAMS],
-            },
+            scan: RawScan::EMPTY,
             reproduced: 0,
             unverifiable: 0,
             joined: 0,

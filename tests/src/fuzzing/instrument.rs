@@ -6,11 +6,11 @@
 use arbitrary::{Arbitrary, Unstructured};
 use crossfall_core::instrument::{Event, Identity, Instrument, Survey};
 use crossfall_core::protocol::frame::{self, HostDecoder, MAX_MESSAGE_FRAME, Sequencer};
-use crossfall_core::protocol::message::{Command, Message, Profile, ScanMode, Session};
+use crossfall_core::protocol::message::{Command, Message, Profile, Session};
 use crossfall_core::protocol::ranges::MAX_CODE;
 use crossfall_core::protocol::units::Angle;
 use crossfall_core::protocol::{Config, DeviceTime};
-use crossfall_core::scan::{MAX_BEAMS, RawScan};
+use crossfall_core::scan::RawScan;
 use crossfall_core::sensors::{lms2xx, novatel};
 
 /// Steps of one input at most.
@@ -85,15 +85,7 @@ pub fn instrument(input: &[u8]) {
             sequencer: Sequencer::new(),
             decoder: HostDecoder::new(),
             survey: Survey::new(),
-            room: RawScan {
-                index: 0,
-                stx: DeviceTime(0),
-                layout: 0,
-                mode: ScanMode { span_deg: 180, step_cdeg: 50, measuring: 6 },
-                status: 0,
-                counters: None,
-                values: [0; MAX_BEAMS],
-            },
+            room: RawScan::EMPTY,
             expected: Vec::new(),
             latest: [DeviceTime(0); 4],
         },

@@ -2,11 +2,8 @@
 //!
 //! A scan is 824 bytes: a queue that hands scans over by value keeps one or two on the stack at every step of the way.
 
-use crossfall_protocol::DeviceTime;
-use crossfall_protocol::message::ScanMode;
-
 use super::survey::WAITING;
-use crate::scan::{MAX_BEAMS, RawScan};
+use crate::scan::RawScan;
 
 /// See the module.
 #[derive(Debug)]
@@ -19,16 +16,7 @@ pub(super) struct Waiting {
 impl Waiting {
     /// Nothing waits.
     pub const fn new() -> Self {
-        const EMPTY: RawScan = RawScan {
-            index: 0,
-            stx: DeviceTime(0),
-            layout: 0,
-            mode: ScanMode { span_deg: 0, step_cdeg: 0, measuring: 0 },
-            status: 0,
-            counters: None,
-            values: [0; MAX_BEAMS],
-        };
-        Self { places: [EMPTY; WAITING], oldest: 0, len: 0 }
+        Self { places: [RawScan::EMPTY; WAITING], oldest: 0, len: 0 }
     }
 
     pub const fn len(&self) -> usize {

@@ -63,10 +63,10 @@ fn by_seed(scan: &RawScan, track: &RollTrack, config: &Config, held: &mut Held) 
     }
     let Held::Seed { points, samples, work } = held else { return Default::default() };
     points.clear();
-    for echo in scan::levelled(scan, track, &config.scanner) {
+    scan::for_each_return(scan, track, &config.scanner, |echo| {
         // Never full: a scan has at most as many beams as there are places.
         let _ = points.push(echo.point);
-    }
+    });
     if config.scanner.mirrored {
         points.reverse();
     }

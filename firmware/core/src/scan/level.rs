@@ -7,7 +7,7 @@
 use crossfall_protocol::config::Scanner;
 use heapless::Vec;
 
-use super::sweep::Sweep;
+use super::sweep::sweep;
 use super::{MAX_BEAMS, RawScan, RollTrack};
 use crate::trig::Direction;
 
@@ -42,35 +42,33 @@ pub type Points = Vec<Echo, MAX_BEAMS>;
 /// Levels a scan. `points` is overwritten.
 pub fn level(scan: &RawScan, track: &RollTrack, scanner: &Scanner, points: &mut Points) {
     points.clear();
-    for echo in levelled(scan, track, scanner) {
+    for_each_return(scan, track, scanner, |echo| {
         // Never full: a scan has at most as many beams as `points` has places.
         let _ = points.push(echo);
-    }
+    });
     if scanner.mirrored {
         points.reverse();
     }
 }
 
-/// The returns of a scan, levelled, in the order of its beams: from the vehicle's right to its left, or from left to right
+/// Visits the returns of a scan, levelled, in the order of its beams: from the vehicle's right to its left, or from left to right
 /// where the scanner is mounted the other way round.
-pub fn levelled<'a>(
-    scan: &'a RawScan,
-    track: &'a RollTrack,
-    scanner: &'a Scanner,
-) -> impl Iterator<Item = Echo> + use<'a> {
+#[inline(always)]
+pub fn for_each_return(scan: &RawScan, track: &RollTrack, scanner: &Scanner, mut visit: impl FnMut(Echo)) {
     let unit_um = scan.unit_um();
     let mask = range_mask(scan.mode.measuring);
-    let mut sweep = Sweep::new(scan, track, scanner);
-    scan.ranges().iter().enumerate().filter_map(move |(beam, value)| {
-        let direction = sweep.advance();
-        let units = range_units(mask, *value)?;
-        Some(Echo {
-            point: place_at(i32::from(units) * unit_um, direction),
-            beam: beam as u16,
-            cos_q14: (direction.cos_q30 >> 16) as i16,
-            sin_q14: (direction.sin_q30 >> 16) as i16,
-        })
-    })
+    let mut beam = 0;
+    sweep(scan, track, scanner, |value, direction| {
+        if let Some(units) = range_units(mask, value) {
+            visit(Echo {
+                point: place_at(i32::from(units) * unit_um, direction),
+                beam,
+                cos_q14: (direction.cos_q30 >> 16) as i16,
+                sin_q14: (direction.sin_q30 >> 16) as i16,
+            });
+        }
+        beam += 1;
+    });
 }
 
 /// The point at a range (below 2^29) in a direction, rounded to the nearest micrometre.

@@ -29,6 +29,17 @@ pub struct RawScan {
 }
 
 impl RawScan {
+    /// Room for a scan: no values, and nothing but zeros in memory.
+    pub const EMPTY: Self = Self {
+        index: 0,
+        stx: DeviceTime(0),
+        layout: 0,
+        mode: ScanMode { span_deg: 0, step_cdeg: 0, measuring: 0 },
+        status: 0,
+        counters: None,
+        values: [0; MAX_BEAMS],
+    };
+
     /// Number of values, never more than [`MAX_BEAMS`].
     #[must_use]
     pub fn beams(&self) -> usize {

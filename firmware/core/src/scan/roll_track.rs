@@ -10,6 +10,9 @@ use super::RawScan;
 /// Knots a turn.
 pub const KNOTS: usize = 17;
 
+/// Intervals between the knots of a turn.
+const INTERVALS: usize = KNOTS - 1;
+
 /// Turns of the longest scan.
 pub const MAX_TURNS: usize = 4;
 
@@ -38,38 +41,30 @@ impl RollTrack {
     /// Roll at value `i` of the scan: linear between knots, rounded down (at most one unit, 8e-8 degrees).
     #[must_use]
     pub fn roll(&self, scan: &RawScan, i: usize) -> Angle {
+        self.course(scan, i).0
+    }
+
+    /// Roll at value `i` of the scan, rounded down; what it gains from there to the next value of the same turn, to the nearest unit;
+    /// and how many values of that turn, this one included, lie before the next knot (beyond the last knot: all).
+    #[must_use]
+    pub fn course(&self, scan: &RawScan, i: usize) -> (Angle, Angle, usize) {
         let turns = scan.turns();
         let (turn, place) = (i % turns, i / turns);
         // Beams of one turn are a degree apart. In units of 1/16 of the span: 16 * place / span.
         let span = usize::from(scan.mode.span_deg).max(1);
-        let scaled = place * (KNOTS - 1);
-        let knot = (scaled / span).min(KNOTS - 2);
+        let scaled = place * INTERVALS;
+        let knot = (scaled / span).min(INTERVALS - 1);
         let rest = (scaled - knot * span) as i32;
         let (a, b) = (self.knots[turn & (MAX_TURNS - 1)][knot], self.knots[turn & (MAX_TURNS - 1)][knot + 1]);
         // floor(step * rest / span) from quotient and remainder of step: no product exceeds 32 bits, as rest <= span
         // within the scan (and 401 * 16 for a malformed one, whose quotient may wrap as angles do).
-        let (step, span) = ((b - a).0, span as i32);
-        let whole = step.div_euclid(span).wrapping_mul(rest);
-        let part = step.rem_euclid(span) * rest / span;
-        Angle(a.0.wrapping_add(whole).wrapping_add(part))
-    }
-
-    /// What roll gains from value `i` to the next of its turn, to the nearest unit, and how many more of that turn lie before the next knot
-    /// (beyond the last knot: all).
-    #[must_use]
-    pub fn slope(&self, scan: &RawScan, i: usize) -> (Angle, usize) {
-        let turns = scan.turns();
-        let (turn, place) = (i % turns, i / turns);
-        let span = usize::from(scan.mode.span_deg).max(1);
-        let scaled = place * (KNOTS - 1);
-        let knot = (scaled / span).min(KNOTS - 2);
-        let (a, b) = (self.knots[turn & (MAX_TURNS - 1)][knot], self.knots[turn & (MAX_TURNS - 1)][knot + 1]);
-        // As in `roll`, with a rest of 16.
-        let (step, intervals, degrees) = ((b - a).0, KNOTS as i32 - 1, span as i32);
-        let whole = step.div_euclid(degrees).wrapping_mul(intervals);
-        let gain = whole.wrapping_add((step.rem_euclid(degrees) * intervals + degrees / 2) / degrees);
-        let left = if knot == KNOTS - 2 { usize::MAX } else { ((knot + 1) * span - scaled - 1) / (KNOTS - 1) };
-        (Angle(gain), left)
+        let (step, degrees) = ((b - a).0, span as i32);
+        let (quotient, remainder) = (step.div_euclid(degrees), step.rem_euclid(degrees));
+        let over = |rest: i32, rounding: i32| {
+            Angle(quotient.wrapping_mul(rest).wrapping_add((remainder * rest + rounding) / degrees))
+        };
+        let places = if knot == INTERVALS - 1 { usize::MAX } else { ((knot + 1) * span - scaled).div_ceil(INTERVALS) };
+        (a + over(rest, 0), over(INTERVALS as i32, degrees / 2), places)
     }
 }
 

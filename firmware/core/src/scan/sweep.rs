@@ -12,26 +12,12 @@ use super::RawScan;
 use super::roll_track::{MAX_TURNS, RollTrack};
 use crate::trig::{self, Direction};
 
-/// Where the beams of a scan look, in the order of its values.
-pub struct Sweep<'a> {
-    scan: &'a RawScan,
-    track: &'a RollTrack,
-    scanner: &'a Scanner,
-    turns: usize,
-    turn: usize,
-    pointers: [Pointer; MAX_TURNS],
-}
-
 /// Where the mirror points in one turn.
 #[derive(Clone, Copy)]
 struct Pointer {
     direction: Direction,
-    /// From one beam to the next.
+    /// From one beam of the turn to the next.
     step: Direction,
-    /// Beams to come before the direction is found anew.
-    left: usize,
-    /// Number of the next beam in its turn.
-    place: usize,
 }
 
 /// Between neighbouring beams of a turn.
@@ -39,41 +25,42 @@ const DEGREE: Angle = Angle::from_microdegrees(1_000_000);
 
 const AHEAD: Direction = Direction { cos_q30: trig::ONE_Q30, sin_q30: 0 };
 
-impl<'a> Sweep<'a> {
-    pub fn new(scan: &'a RawScan, track: &'a RollTrack, scanner: &'a Scanner) -> Self {
-        let pointer = Pointer { direction: AHEAD, step: AHEAD, left: 0, place: 0 };
-        Self { scan, track, scanner, turns: scan.turns(), turn: 0, pointers: [pointer; MAX_TURNS] }
-    }
-
-    /// The direction of the next value.
-    #[inline(always)]
-    pub fn advance(&mut self) -> Direction {
-        let turn = self.turn;
-        self.turn = if turn + 1 == self.turns { 0 } else { turn + 1 };
-        let Some(pointer) = self.pointers.get_mut(turn) else { return AHEAD };
-        if pointer.left == 0 {
-            let beam = pointer.place * self.turns + turn;
-            *pointer = Pointer { place: pointer.place + 1, ..Pointer::at(beam, self.scan, self.track, self.scanner) };
-        } else {
-            pointer.left -= 1;
-            pointer.place += 1;
-            pointer.direction = turned(pointer.direction, pointer.step);
+/// Visits the values of a scan in their order, each with the direction in which its beam looks.
+///
+/// A beam lies between the same two knots whichever the turn: all turns find their directions anew at the same place.
+#[inline(always)]
+pub fn sweep(scan: &RawScan, track: &RollTrack, scanner: &Scanner, mut visit: impl FnMut(u16, Direction)) {
+    let mut pointers = [Pointer { direction: AHEAD, step: AHEAD }; MAX_TURNS];
+    let Some(pointers) = pointers.get_mut(..scan.turns()) else { return };
+    let mut values = scan.ranges().iter();
+    let mut found_anew = 0;
+    while !values.as_slice().is_empty() {
+        let mut places = 1;
+        for (beam, pointer) in (found_anew..).zip(pointers.iter_mut()) {
+            (*pointer, places) = Pointer::at(beam, scan, track, scanner);
         }
-        pointer.direction
+        for _ in 0..places {
+            for pointer in pointers.iter_mut() {
+                let Some(value) = values.next() else { return };
+                visit(*value, pointer.direction);
+                pointer.direction = turned(pointer.direction, pointer.step);
+            }
+        }
+        found_anew += places * pointers.len();
     }
 }
 
 impl Pointer {
-    /// Found anew for one beam, good up to the next knot.
+    /// Found anew for one beam, good for so many beams of its turn, this one included: up to the next knot.
     #[inline(never)]
-    fn at(beam: usize, scan: &RawScan, track: &RollTrack, scanner: &Scanner) -> Self {
-        let (step, left) = track.slope(scan, beam);
+    fn at(beam: usize, scan: &RawScan, track: &RollTrack, scanner: &Scanner) -> (Self, usize) {
+        let (roll, gain, places) = track.course(scan, beam);
         let (theta, degree) = match scanner.mirrored {
             false => (scan.beam_angle(beam), DEGREE),
             true => (Angle(i32::MIN) - scan.beam_angle(beam), Angle::ZERO - DEGREE),
         };
-        let direction = trig::direction(theta + track.roll(scan, beam) + scanner.mounting_offset);
-        Self { direction, step: trig::direction(degree + step), left, place: 0 }
+        let direction = trig::direction(theta + roll + scanner.mounting_offset);
+        (Self { direction, step: trig::direction(degree + gain) }, places)
     }
 }
 
@@ -116,18 +103,19 @@ mod tests {
             for mirrored in [false, true] {
                 let mounting_offset = Angle::from_microdegrees(-345_678);
                 let scanner = Scanner { mounting_offset, mirrored, ..Scanner::default() };
-                let mut sweep = Sweep::new(&scan, &track, &scanner);
-                for beam in 0..scan.beams() {
+                let mut beam = 0;
+                sweep(&scan, &track, &scanner, |_, found| {
                     let theta = scan.beam_angle(beam);
                     let theta = if mirrored { Angle(i32::MIN) - theta } else { theta };
                     let exact = (theta + track.roll(&scan, beam) + mounting_offset).0;
                     let (sin, cos) = libm::sincos(f64::from(exact) / 4_294_967_296.0 * core::f64::consts::TAU);
-                    let found = sweep.advance();
                     let unit = f64::from(trig::ONE_Q30);
                     let error =
                         libm::hypot(f64::from(found.cos_q30) / unit - cos, f64::from(found.sin_q30) / unit - sin);
                     assert!(error < 3e-8, "beam {beam} of {} at {step_cdeg}: {error:e}", scan.beams());
-                }
+                    beam += 1;
+                });
+                assert_eq!(beam, scan.beams());
             }
         }
     }

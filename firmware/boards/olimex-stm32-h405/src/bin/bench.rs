@@ -122,13 +122,11 @@ struct Bench {
 
 impl Bench {
     fn new(overhead: u32) -> Self {
-        let mode = ScanMode { span_deg: 180, step_cdeg: 50, measuring: 0 };
-        let (stx, values) = (DeviceTime(0), [0; MAX_BEAMS]);
         Self {
             overhead,
             survey: Survey::new(),
             points: Points::new(),
-            room: RawScan { index: 0, stx, layout: 0, mode, status: 0, counters: None, values },
+            room: RawScan::EMPTY,
             made: heapless::Deque::new(),
             level: Stage::default(),
             surveyed: Stage::default(),

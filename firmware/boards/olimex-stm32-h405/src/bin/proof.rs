@@ -66,9 +66,7 @@ fn stream(survey: &mut Survey, event: &Event<'_>) {
     let (mut code, mut out) = ([0; MAX_CODE], [0; MAX_MESSAGE_FRAME]);
     let message: Message<'_> = event.message(&mut code);
     let _ = black_box(Sequencer::new().message(&message, &mut out));
-    let mode = ScanMode { span_deg: 180, step_cdeg: 50, measuring: 0 };
-    let (stx, values) = (DeviceTime(0), [0; MAX_BEAMS]);
-    let mut room = RawScan { index: 0, stx, layout: 0, mode, status: 0, counters: None, values };
+    let mut room = RawScan::EMPTY;
     let _ = black_box(Event::of(&black_box(message), &mut room).is_ok());
     black_box(&out);
 }

@@ -159,12 +159,12 @@ pub struct Ground {
 
 /// How well a weighed sample fits level ground at a place: 288 on it, nothing from 3 sigma beyond a quarter of a degree of tilt on.
 #[inline(always)]
-fn on_level((u, z): (i32, i32), sample: &Sample, shift: u32) -> Option<u32> {
+fn on_level((u, z): (i32, i32), sample: &Sample) -> Option<u32> {
     let tilt = (sample.u.abs_diff(u) >> 8).min(1 << 10);
     let e = sample.z.abs_diff(z).min((1 << 15) - 1);
     // At most 9 variances beyond the tilt's square: the rest of a residual whose square is less the tilt's.
     let rest = (e * e).saturating_sub(tilt * tilt);
-    288u32.checked_sub(ratio::<5>(sample, rest, shift)).filter(|score| *score > 0)
+    288u32.checked_sub(ratio::<5>(sample, rest)).filter(|score| *score > 0)
 }
 
 /// The ground beside a slope: level through the samples that agree best, then fitted where there are enough.
@@ -173,13 +173,13 @@ fn level(samples: &mut [Sample], noise: &Noise) -> Option<Ground> {
     let mut best: Option<(u32, (i32, i32))> = None;
     for candidate in samples.iter() {
         let place = (candidate.u, candidate.z);
-        let score = samples.iter().filter_map(|s| on_level(place, s, shift)).sum();
+        let score = samples.iter().filter_map(|s| on_level(place, s)).sum();
         if best.is_none_or(|(most, (_, lowest))| score > most || score == most && place.1 < lowest) {
             best = Some((score, place));
         }
     }
     let (_, place) = best?;
-    let mut on = samples.iter().filter(|s| on_level(place, s, shift).is_some());
+    let mut on = samples.iter().filter(|s| on_level(place, s).is_some());
     let first = on.next()?.u;
     let near = 1 + on.count();
     let line = Line { u: place.0, z: place.1, slope_q30: 0 };

@@ -112,32 +112,33 @@ impl Fit {
 /// log2 of the grains in a unit of distance from a line's reference.
 const ARM_BITS: u32 = 5;
 
-/// Weighs every `stride`-th sample by its variance about a line of this slope; returns the common shift that [`ratio`] and [`fit`] want.
+/// Weighs every `stride`-th sample by its variance about a line of this slope; returns the common shift that [`fit`] wants: the
+/// weights less so many bits are below 2^12, with the greatest above 2^10.
 ///
-/// A weight is 2^20 / (variance >> shift), below 2^12, where the shift leaves 8 or 9 bits of the least variance.
+/// A weight is 2^37 / variance: below 2^27, as no variance is below 2^10.
 pub fn weigh(samples: &mut [Sample], stride: usize, noise: &Noise, slope_q14: i32) -> u32 {
     // The variance along a line changes slowly and one way: the least is at an end, or near it.
     let (first, last) = (samples.first(), samples.last());
-    let least = first.into_iter().chain(last).map(|s| noise.variance(s, slope_q14)).min().unwrap_or(1 << 8);
-    let shift = 23u32.saturating_sub(least.leading_zeros());
+    let least = first.into_iter().chain(last).map(|s| noise.variance(s, slope_q14)).min().unwrap_or(1 << 10);
+    let shift = least.max(1 << 10).leading_zeros().saturating_sub(6);
     weigh_by(samples, stride, noise, slope_q14, shift);
     shift
 }
 
 /// [`weigh`] with a shift that is known already.
 pub fn weigh_by(samples: &mut [Sample], stride: usize, noise: &Noise, slope_q14: i32, shift: u32) {
+    let most = (1 << (12 + shift)) - 1;
     for sample in samples.iter_mut().step_by(stride) {
-        let scaled = noise.variance(sample, slope_q14) >> shift;
-        sample.weight = ((1 << 20) / scaled.max(1)).min(4095) as u16;
+        // Rounded down in 32 bits: by less than 1 in 2^4 for the largest variance there is, by 1 in 2^12 for a range noise of 10 mm.
+        sample.weight = ((u32::MAX / noise.variance(sample, slope_q14).max(1 << 10)) << 5).min(most);
     }
 }
 
-/// The square of a residual (below 2^15) over the variance by which [`weigh`] has weighed the sample, which gave `shift`, with so many
-/// fraction bits, up to 8: (e^2 >> shift) weight / 2^20. A square that would not fit 32 bits then is that of a residual
-/// of 16 times the least sigma of the samples and more.
+/// The square of a residual (below 2^15) over the variance by which [`weigh`] has weighed the sample, with so many fraction bits, up to 8:
+/// below 2^(30 - 10 + 8). Other residuals give anything.
 #[inline(always)]
-pub fn ratio<const FRACTION: u32>(sample: &Sample, square: u32, shift: u32) -> u32 {
-    ((square >> shift).min((1 << 20) - 1) * u32::from(sample.weight)) >> (20 - FRACTION)
+pub fn ratio<const FRACTION: u32>(sample: &Sample, square: u32) -> u32 {
+    ((u64::from(square) * u64::from(sample.weight)) >> (37 - FRACTION)) as u32
 }
 
 /// The sums of a fit over some samples, exact: those of more or fewer samples follow by adding and subtracting.
@@ -168,19 +169,13 @@ impl Sums {
             if e.unsigned_abs() >= 1 << 15 {
                 continue;
             }
-            let ratio_q8 = ratio::<8>(sample, (e * e) as u32, shift);
-            if ratio_q8 >= WIDEST_Q8 {
-                continue;
-            }
-            // ABOVE where e is positive, without a branch that no one could predict. The product is below 5184 x 5350, so below 2^25.
+            // Which side of the line a sample is on, and whether it counts, cannot be predicted in vegetation: a sample past the gate is
+            // kept with a weight of nothing. The product is below 5184 x 5350, so below 2^25.
+            let ratio_q8 = ratio::<8>(sample, (e * e) as u32).min(WIDEST_Q8);
             let inverse = BELOW + ((-e >> 31) as u32 & (ABOVE - BELOW));
-            let spent_q12 = (ratio_q8 * inverse) >> 12;
-            if spent_q12 >= 4096 {
-                continue;
-            }
-            let keep_q12 = 4096 - spent_q12;
+            let keep_q12 = 4096u32.saturating_sub((ratio_q8 * inverse) >> 12);
             let tukey_q12 = (keep_q12 * keep_q12) >> 12;
-            let w = ((u32::from(sample.weight) * tukey_q12) >> 12) as i32;
+            let w = (((sample.weight >> shift) * tukey_q12) >> 12) as i32;
             let u = (sample.u - line.u) >> ARM_BITS;
             let wu = w * u;
             sum_w += w;
@@ -188,7 +183,7 @@ impl Sums {
             sum_we += i64::from(w * e);
             sum_wuu += i64::from(wu) * i64::from(u);
             sum_wue += i64::from(wu) * i64::from(e);
-            count_kept += 1 << 32 | u64::from(keep_q12);
+            count_kept += u64::from(keep_q12 > 0) << 32 | u64::from(keep_q12);
             // Chi square: below 2^12 x 2^13 a sample; 401 of them, shifted, stay below 2^27.
             effective_chi2 += u64::from(tukey_q12) << 32 | u64::from((tukey_q12 * ratio_q8) >> 8);
         }
@@ -268,8 +263,8 @@ impl Sums {
         let slope_q30 =
             (i64::from(line.slope_q30) + ((turn_q30 * gain_q10) >> 10)).clamp(-(1 << 31) + 1, (1 << 31) - 1) as i32;
         let fitted = Line { u, z: line.height_at(u) + ((mean_e * gain_q10) >> 10) as i32, slope_q30 };
-        // weight = 2^(20 + shift) / variance.
-        let scale = 20 + shift as i32;
+        // weight = 2^(37 - shift) / variance.
+        let scale = 37 - shift as i32;
         // The residuals are those of the old line: the new one takes w (e - e')^2 out of them. The first product is below 2^51,
         // the second clamped to 2^62.
         let turned = (lean >> 16).clamp(-(1 << 32), 1 << 32) * turn_q30;

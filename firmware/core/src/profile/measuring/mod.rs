@@ -27,7 +27,8 @@ pub use sample::Samples;
 
 /// Measures both sides of a scan, left and right. What was in `samples` before does not matter.
 pub fn measure(scan: &RawScan, track: &RollTrack, config: &Config, samples: &mut Samples) -> (Side, Side) {
-    sample::take(scan::levelled(scan, track, &config.scanner), samples);
+    samples.clear();
+    scan::for_each_return(scan, track, &config.scanner, |echo| sample::take(&echo, samples));
     if config.scanner.mirrored {
         samples.reverse();
     }

@@ -31,8 +31,8 @@ pub struct Sample {
     pub down_q14: i16,
     /// Number of the beam.
     pub beam: u16,
-    /// Weight in the fit under way.
-    pub weight: u16,
+    /// Weight in the fit under way: 2^37 over the variance.
+    pub weight: u32,
 }
 
 /// The samples of a scan, in the order of its beams.
@@ -86,24 +86,24 @@ pub fn inward_of(samples: &[Sample], (u, z): (i32, i32)) -> usize {
     samples.partition_point(|s| i64::from(s.out_q14) * i64::from(z) + i64::from(s.down_q14) * i64::from(u) > 0)
 }
 
-/// Takes the returns of a scan, which come from the right to the left, as samples that count outward to the left.
+/// Takes a return of a scan, which come from the right to the left, as a sample that counts outward to the left.
 ///
 /// Rounding to grains is towards the sensor, so that a mirrored scan gives mirrored samples.
-pub fn take(echoes: impl Iterator<Item = Echo>, samples: &mut Samples) {
-    samples.clear();
-    let near = |echo: &Echo| echo.point.y_um.abs() < REACH_UM && echo.point.z_um.abs() < REACH_UM;
-    for echo in echoes.filter(near) {
-        let sample = Sample {
-            u: echo.point.y_um / (1 << GRAIN_BITS),
-            z: echo.point.z_um >> GRAIN_BITS,
-            out_q14: -echo.cos_q14,
-            down_q14: echo.sin_q14,
-            beam: echo.beam,
-            weight: 0,
-        };
-        // Never full: a scan has no more echoes than there are places.
-        let _ = samples.push(sample);
+#[inline(always)]
+pub fn take(echo: &Echo, samples: &mut Samples) {
+    if echo.point.y_um.abs() >= REACH_UM || echo.point.z_um.abs() >= REACH_UM {
+        return;
     }
+    let sample = Sample {
+        u: echo.point.y_um / (1 << GRAIN_BITS),
+        z: echo.point.z_um >> GRAIN_BITS,
+        out_q14: -echo.cos_q14,
+        down_q14: echo.sin_q14,
+        beam: echo.beam,
+        weight: 0,
+    };
+    // Never full: a scan has no more echoes than there are places.
+    let _ = samples.push(sample);
 }
 
 /// Turns the samples of a scan round: from those that count outward to the left to those that count outward to the right, or back.

@@ -5,6 +5,8 @@
 //! below it much, and three in a row beyond the obstruction distance end the run. So a run decides its own ends. All candidates
 //! are scored on the anchors, the best few on all samples.
 
+use core::hint::select_unpredictable;
+
 use super::line::{Line, ratio, weigh};
 use super::sample::{Noise, Sample, millimetres};
 use crate::scan::MAX_BEAMS;
@@ -49,7 +51,7 @@ pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) 
     // Candidates are told apart with the variances of a typical slope: those of their own would cost more than they tell.
     let typical_q14 = (wanted.least_q14 + wanted.most_q14) / 2;
     let raised = Raised::among(samples, typical_q14);
-    let shift = weigh(samples, 1, noise, typical_q14);
+    weigh(samples, 1, noise, typical_q14);
     // Where nothing grows every second start finds what all would; in vegetation every one may be the good one.
     let stride = if 16 * raised.count > samples.len() { 1 } else { 2 };
     // Starting within a good run would mostly find it again: past `settled` and `thinned` all and every third start counts.
@@ -62,14 +64,15 @@ pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) 
         if (i < thinned && i % 3 != 0) || a.u < start || a.u > start + START_REACH || raised.holds(i) {
             continue;
         }
+        // The widest first: the surest of its slope, it may make the others needless.
+        let mut ends = [None; BASES.len()];
         let mut outer = along.iter().enumerate();
-        for base in BASES {
-            let Some((away, b)) = outer.find(|(_, b)| b.u - a.u >= base) else { break };
+        for (end, base) in ends.iter_mut().rev().zip(BASES) {
+            *end = outer.find(|(_, b)| b.u - a.u >= base);
+        }
+        for (away, b) in ends.into_iter().flatten() {
             let base = b.u - a.u;
-            if base > wanted.longest {
-                break;
-            }
-            if raised.holds(i + away) {
+            if base > wanted.longest || raised.holds(i + away) {
                 continue;
             }
             // 14 fraction bits: 0.6 mm over 10 m. Within 2^17 units of 8 grains the dividend stays below 2^31.
@@ -79,21 +82,25 @@ pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) 
                 continue;
             }
             let line = Line { u: a.u, z: a.z, slope_q30: slope_q14 << 16 };
-            let (span, score) = follow(along.iter(), &line, wanted.obstruction, shift);
+            if undercut(along.get(..away).unwrap_or_default(), &line) {
+                continue;
+            }
+            let (span, score) = follow(along.iter(), &line, wanted.obstruction);
+            admit(&mut finalists, Candidate { line, middle: i + span / 2, score }, b.u);
             if span >= 10 && score > span as i32 * THINNED_SCORE {
                 thinned = thinned.max(i + span - 1);
                 if score > span as i32 * SETTLED_SCORE {
                     settled = thinned;
                     next = next.max(settled);
+                    break;
                 }
             }
-            admit(&mut finalists, Candidate { line, middle: i + span / 2, score }, b.u);
         }
     }
     let mut best: Option<(Line, Run)> = None;
     let leading = finalists.first().map_or(0, |f| f.score);
     for candidate in finalists.iter().filter(|c| c.score > 0 && 4 * c.score >= 3 * leading) {
-        let run = run(samples, candidate.middle, &candidate.line, wanted.obstruction, shift);
+        let run = run(samples, candidate.middle, &candidate.line, wanted.obstruction);
         if best.is_none_or(|(_, known)| run.score > known.score) {
             best = Some((candidate.line, run));
         }
@@ -188,40 +195,55 @@ const BELOW_COSTS: i32 = 173;
 const ASTRAY_COSTS: i32 = 144;
 
 /// What a weighed sample earns for a line; the obstruction distance is below 2^15 grains.
+///
+/// Whether a sample lies on the line, and on which side of it, cannot be predicted in vegetation: no branch depends on it.
 #[inline(always)]
-fn earned(sample: &Sample, line: &Line, obstruction: i32, shift: u32) -> i32 {
+fn earned(sample: &Sample, line: &Line, obstruction: i32) -> i32 {
     let e = line.residual(sample);
-    if e.abs() > obstruction {
-        return -ASTRAY_COSTS;
-    }
-    let spent = ratio::<5>(sample, (e * e) as u32, shift);
-    // Which side of the line it is on cannot be predicted: no branch.
+    // The square of a residual beyond the obstruction distance may wrap: it is not looked at.
+    let spent = ratio::<5>(sample, e.wrapping_mul(e) as u32);
     let lost = BELOW_COSTS - ((-e >> 31) & (BELOW_COSTS - ABOVE_COSTS));
-    if spent < EARNED { (EARNED - spent) as i32 } else { -lost }
+    let near = select_unpredictable(spent < EARNED, EARNED.wrapping_sub(spent) as i32, -lost);
+    select_unpredictable(e.unsigned_abs() > obstruction.unsigned_abs(), -ASTRAY_COSTS, near)
 }
+
+/// Whether one of three samples, spread evenly over those between the two of a candidate, lies well below the line: nothing grows downward, so
+/// the line does not follow the ground there.
+#[inline(always)]
+fn undercut(between: &[Sample], line: &Line) -> bool {
+    let quarter = between.len() / 4;
+    [quarter, 2 * quarter, 3 * quarter].iter().filter_map(|k| between.get(*k)).any(|sample| {
+        let e = line.residual(sample);
+        e < 0 && (e < -(1 << 15) || ratio::<5>(sample, (e * e) as u32) > UNDERCUT)
+    })
+}
+
+/// How many variances, times 32, a sample must lie below a candidate to rule it out.
+const UNDERCUT: u32 = 32 * 16;
 
 /// How many samples the best run has that begins with the first of these, and what it earns.
 ///
 /// Not inlined: among the variables of a search its own would not stay in registers.
 #[inline(never)]
-fn follow<'a>(samples: impl Iterator<Item = &'a Sample>, line: &Line, obstruction: i32, shift: u32) -> (usize, i32) {
+fn follow<'a>(samples: impl Iterator<Item = &'a Sample>, line: &Line, obstruction: i32) -> (usize, i32) {
     let (mut span, mut best, mut score) = (0, 0, 0);
     for (before, sample) in samples.enumerate() {
-        score += earned(sample, line, obstruction, shift);
-        if score > best {
-            (span, best) = (before + 1, score);
-        } else if score < best - DROP {
+        score += earned(sample, line, obstruction);
+        let better = score > best;
+        span = select_unpredictable(better, before + 1, span);
+        best = select_unpredictable(better, score, best);
+        if score < best - DROP {
             break;
         }
     }
     (span, best)
 }
 
-/// The best run that holds the sample `middle`, along a line by whose slope [`weigh`] has weighed the samples, which gave `shift`.
-pub fn run(samples: &[Sample], middle: usize, line: &Line, obstruction: i32, shift: u32) -> Run {
+/// The best run that holds the sample `middle`, along a line by whose slope [`weigh`] has weighed the samples.
+pub fn run(samples: &[Sample], middle: usize, line: &Line, obstruction: i32) -> Run {
     let Some((inner, outer)) = samples.split_at_checked(middle) else { return Run::default() };
-    let (out, outward) = follow(outer.iter(), line, obstruction, shift);
-    let (back, inward) = follow(inner.iter().rev(), line, obstruction, shift);
+    let (out, outward) = follow(outer.iter(), line, obstruction);
+    let (back, inward) = follow(inner.iter().rev(), line, obstruction);
     Run { first: middle - back, last: (middle + out).saturating_sub(1), score: outward + inward }
 }
 

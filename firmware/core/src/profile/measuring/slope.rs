@@ -53,7 +53,7 @@ pub fn measure(
     // What the residuals say of the roughness decides which of them count: once more on the run that results.
     *noise = roughened(noise, &found, part);
     let shift = weigh(beyond, 1, noise, found.line.slope_q14());
-    run = search::run(beyond, (run.first + run.last) / 2, &found.line, wanted.obstruction, shift);
+    run = search::run(beyond, (run.first + run.last) / 2, &found.line, wanted.obstruction);
     let part = beyond.get_mut(run.first..=run.last)?;
     let mut fit = fit(part, 1, &found.line, shift)?;
     *noise = roughened(noise, &fit, part);
