@@ -68,7 +68,8 @@ fn what_is_not_there_is_not_reported() {
 
 #[test]
 fn undulating_ground_is_one_slope() {
-    for (name, rms, silent) in [("undulation 8 mm", 0.2, 0.3), ("undulation 15 mm", 0.5, 2.0)] {
+    // Heights of 15 mm in waves of two metres and more tilt pieces of a slope by more than a degree: what cannot be followed is doubtful.
+    for (name, rms, silent, doubtful) in [("undulation 8 mm", 0.2, 0.3, 8.0), ("undulation 15 mm", 0.5, 2.5, 25.0)] {
         for noise_m in [0.0035, 0.010] {
             let tally = run(&set(name, noise_m), SECTIONS, 900);
             for (slope, errors) in both(&tally) {
@@ -77,7 +78,7 @@ fn undulating_ground_is_one_slope() {
                 let wrong = share(errors.far_unflagged, errors.values.len());
                 assert!(wrong <= silent, "{name}: {slope}: {wrong:.2} % wrong in silence\n{tally}");
             }
-            assert!(flagged(&tally, flags::DOUBTFUL) <= 12.0, "{tally}");
+            assert!(flagged(&tally, flags::DOUBTFUL) <= doubtful, "{tally}");
         }
     }
 }

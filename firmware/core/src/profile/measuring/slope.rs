@@ -81,8 +81,8 @@ fn wide(noise: &Noise) -> Noise {
 /// Whether the ground that goes on beyond a run lies on its line as the run does: straight, with something growing on it that has ended the run.
 fn is_straight(samples: &mut [Sample], (known, run): (&Fit, &Run), wanted: &Wanted, noise: &Noise) -> bool {
     let wide = wide(noise);
-    let shift = weigh(samples, 1, &wide, known.line.slope_q14());
-    let along = search::run(samples, (run.first + run.last) / 2, &known.line, wanted.obstruction, shift);
+    weigh(samples, 1, &wide, known.line.slope_q14());
+    let along = search::run(samples, (run.first + run.last) / 2, &known.line, wanted.obstruction);
     let part = samples.get(along.first..=along.last).unwrap_or_default();
     part.len() > run.last - run.first + 1 && roughness_below(part, &known.line, &wide).rough2 <= UNDULATES
 }
@@ -101,7 +101,7 @@ fn further(
     let (mut noise, mut gate, mut found) = (wide, wide, None);
     for _ in 0..PASSES {
         let shift = weigh(samples, 1, &gate, line.slope_q14());
-        run = search::run(samples, (run.first + run.last) / 2, &line, wanted.obstruction, shift);
+        run = search::run(samples, (run.first + run.last) / 2, &line, wanted.obstruction);
         let part = samples.get_mut(run.first..=run.last)?;
         let fitted = fit(part, 1, &line, shift)?;
         line = fitted.line;
