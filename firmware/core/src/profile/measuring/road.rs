@@ -21,11 +21,12 @@ const DEPARTURE_SAMPLES: u32 = 4;
 /// The fit ends this far before a departure, whose onset the threshold hides.
 const MARGIN: i32 = millimetres(350);
 
-/// Whether the ground rises from the road is seen within so much beyond its end, ...
-const VERGE: i32 = millimetres(1_500);
+/// Whether the ground rises from the road is seen between so much beyond its end, where a slope that falls has done so, and so much, ...
+const SILL: i32 = millimetres(500);
+const VERGE: i32 = millimetres(2_000);
 /// ... by samples so far above its line, which vegetation on level ground mostly is not, ...
 const RISEN: i32 = millimetres(20);
-/// ... and no further: 15 degrees over the verge.
+/// ... and no further: rails are taller, slopes of 12 degrees are not.
 const TALLEST: i32 = millimetres(400);
 
 /// A road of which fewer samples than this are seen is none.
@@ -88,7 +89,7 @@ impl Road {
     pub fn is_below(&self, samples: &[Sample], departure: i32) -> bool {
         let next = samples.get(self.departure..).unwrap_or_default().iter();
         let (mut above, mut all) = (0, 0);
-        for sample in next.take_while(|s| s.u < departure + VERGE) {
+        for sample in next.take_while(|s| s.u < departure + VERGE).filter(|s| s.u > departure + SILL) {
             let e = self.fit.line.residual(sample);
             // A rail or a wall is no slope.
             if e < TALLEST {
