@@ -265,7 +265,15 @@ fn a_report_and_a_table_come_from_one_reading() {
     let (alone, beside) = (folder.path().join("alone.csv"), folder.path().join("beside.csv"));
     dataset::write(&made.log(), None, Format::Csv, &alone, |_| ()).unwrap();
     let (written, drive) = dataset::write_from(None, Format::Csv, &beside, |sink| {
-        Drive::read_with(&made.log(), |_| (), |rows| rows.into_iter().for_each(|row| drop(sink.push(row))))
+        Drive::read_with(
+            &made.log(),
+            |_| (),
+            |rows| {
+                for row in rows {
+                    sink.push(row);
+                }
+            },
+        )
     })
     .unwrap();
     assert_eq!((written.rows, drive.scans.len()), (Some(made.rows.len() as u64), made.truth.len()));
@@ -414,4 +422,47 @@ fn other_programs_open_every_file() {
          print(sorted({f.geometry.type for f in c.features}))",
     );
     assert_eq!(valid, "['LineString', 'Point', 'Polygon']");
+}
+
+/// The job of the documentation on two workers of one machine, and its data set read by the same engine.
+#[test]
+fn spark_takes_logs_in() {
+    let Some(python) = python() else { return };
+    let has = std::process::Command::new(&python).args(["-c", "import pyspark"]).output().unwrap();
+    if !has.status.success() {
+        eprintln!(
+            "skipped: {} has no pyspark, half a gigabyte that `cargo xtask setup` does not fetch",
+            python.display()
+        );
+        return;
+    }
+    let made = drive();
+    let folder = tempfile::tempdir().unwrap();
+    let logs: Vec<PathBuf> = (0..3).map(|i| folder.path().join(format!("run{i}.log.mcap"))).collect();
+    for log in &logs {
+        fs::copy(made.log(), log).unwrap();
+    }
+    let spark = |arguments: &[&std::ffi::OsStr]| {
+        let mut job = std::process::Command::new(&python);
+        job.args(arguments)
+            .current_dir(folder.path())
+            .env("PYSPARK_PYTHON", &python)
+            .env("SPARK_LOCAL_IP", "127.0.0.1");
+        let output = job.env("PYSPARK_SUBMIT_ARGS", "--master local[2] pyspark-shell").output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/scripts/take_in.py");
+    let program = Path::new(env!("CARGO_BIN_EXE_crossfall"));
+    let mut arguments = vec![script.as_os_str(), "--road".as_ref(), "I-80".as_ref(), "--crossfall".as_ref()];
+    arguments.extend([program.as_os_str(), "set".as_ref()]);
+    arguments.extend(logs.iter().map(|log| log.as_os_str()));
+    spark(&arguments);
+    let read = "from pyspark.sql import SparkSession\n\
+                spark = SparkSession.builder.getOrCreate()\n\
+                drives = spark.read.parquet('set')\n\
+                print([tuple(r) for r in drives.groupBy('road', 'side').count().orderBy('side').collect()])";
+    let each = 3 * made.rows.len() / 2;
+    let counted = spark(&["-c".as_ref(), read.as_ref()]);
+    assert_eq!(counted.trim(), format!("[('I-80', 'left', {each}), ('I-80', 'right', {each})]"));
 }

@@ -43,7 +43,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         Some((to, format)) => {
             let (written, drive) = dataset::write_from(None, format, to, |sink| {
                 let progress = |offset| progress.at(offset);
-                Drive::read_with(&args.log, progress, |rows| rows.into_iter().for_each(|row| drop(sink.push(row))))
+                Drive::read_with(&args.log, progress, |rows| {
+                    for row in rows {
+                        sink.push(row);
+                    }
+                })
             })?;
             (drive, Some(written))
         }
