@@ -223,6 +223,22 @@ fn start(format: Format, to: &Path, origin: [f64; 3], epsg: u16) -> Result<Box<d
     })
 }
 
+/// Places the returns of scans on the map, one scan after the other.
+#[derive(Default)]
+pub(crate) struct Placing(Room);
+
+impl Placing {
+    /// Places a scan's returns; false where its pose is not known.
+    pub(crate) fn place(&mut self, step: &Step<'_>, utm: &Utm) -> Result<bool, Error> {
+        self.0.place(step, utm, 0)
+    }
+
+    /// The last scan's returns: easting, northing, ellipsoid height.
+    pub(crate) fn places(&self) -> impl Iterator<Item = [f64; 3]> + '_ {
+        self.0.returns.iter().map(|point| point.place)
+    }
+}
+
 /// Room for the returns of one scan.
 #[derive(Default)]
 struct Room {
