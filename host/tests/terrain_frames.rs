@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use crossfall::terrain::frames::{Error, FrameFolder};
+use crossfall::terrain::frames::{Choices, Error, FrameFolder};
 
 const IDENTITY: &str = "1 0 0 0 0 1 0 0 0 0 1 0\n";
 
@@ -20,7 +20,7 @@ fn folder(frames: usize, poses: &str) -> tempfile::TempDir {
 }
 
 fn complaint(folder: &Path) -> String {
-    FrameFolder::open(folder).unwrap_err().to_string()
+    FrameFolder::open(folder, &Choices::default()).unwrap_err().to_string()
 }
 
 #[test]
@@ -29,7 +29,7 @@ fn a_sound_folder_gives_points_poses_times_and_boxes() {
     fs::write(folder.path().join("times.txt"), "0.0\n0.25\n").unwrap();
     fs::write(folder.path().join("objects.csv"), "frame,x,y,z,length,width,height,yaw\n1,10,2,0.7,4.4,1.8,1.5,0.1\n")
         .unwrap();
-    let frames = FrameFolder::open(folder.path()).unwrap();
+    let frames = FrameFolder::open(folder.path(), &Choices::default()).unwrap();
     let mut points = Vec::new();
     frames.points(1, &mut points).unwrap();
     assert_eq!((frames.len(), points.len(), points[0]), (2, 2, [5.0, 1.0, -1.9, 0.3]));
@@ -64,7 +64,7 @@ fn missing_and_malformed_files_are_named_with_line_and_expectation() {
 fn a_frame_cut_in_the_middle_of_a_point_is_an_error_of_that_frame() {
     let cut = folder(2, &IDENTITY.repeat(2));
     fs::write(cut.path().join("velodyne/000001.bin"), [0u8; 40]).unwrap();
-    let frames = FrameFolder::open(cut.path()).unwrap();
+    let frames = FrameFolder::open(cut.path(), &Choices::default()).unwrap();
     let mut points = Vec::new();
     assert!(frames.points(0, &mut points).is_ok());
     assert!(matches!(frames.points(1, &mut points), Err(Error::Size { bytes: 40, .. })));
@@ -75,7 +75,7 @@ fn camera_poses_are_carried_over_to_the_lidar_by_the_calibration() {
     // KITTI's axes: the camera looks along z, x right, y down. One metre ahead for the camera is one along the LiDAR's x.
     let kitti = folder(2, &format!("{IDENTITY}1 0 0 0 0 1 0 0 0 0 1 1\n"));
     fs::write(kitti.path().join("calib.txt"), "P0: 1\nTr: 0 -1 0 0.1 0 0 -1 -0.2 1 0 0 -0.3\n").unwrap();
-    let frames = FrameFolder::open(kitti.path()).unwrap();
+    let frames = FrameFolder::open(kitti.path(), &Choices::default()).unwrap();
     let pose = frames.pose(1).unwrap();
     for (got, wanted) in pose.position.iter().zip([1.0, 0.0, 0.0]) {
         assert!((got - wanted).abs() < 1e-12, "{:?}", pose.position);

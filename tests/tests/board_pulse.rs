@@ -19,7 +19,7 @@ fn pulses_are_stamped_within_a_microsecond_across_the_counters_wrap() {
     let status = |message: &Message<'_>| matches!(message, Message::Status(_)).then_some(());
     let (mut at, ()) = board.link.wait_for(0, PATIENCE, status).expect("a running board");
     let (mut worst_us, mut wrapped, mut before) = (0, false, 0);
-    let (mut count, mut delayed) = (0, 0);
+    let mut count = 0;
     // Time that the board sleeps through takes none here: it comes to its wrap within a few pulses.
     while count < 40 || (!wrapped && count < 400) {
         count += 1;
@@ -34,14 +34,11 @@ fn pulses_are_stamped_within_a_microsecond_across_the_counters_wrap() {
         let (next, time) = board.link.wait_for(at, PATIENCE, pulse).expect("every pulse in the stream");
         at = next;
         let late_us = time.0.wrapping_sub(u64::from(injected.wrapping_sub(START)));
-        // The emulator has no input capture: there an edge is stamped by its interrupt, which waits for a critical section
-        // of a few thousand instructions (a log line) when it falls into one.
-        assert!(late_us <= 6, "injected at {injected}, stamped {late_us} us later");
-        delayed += u64::from(late_us > 1);
+        // No critical section holds the interrupt off (the board's `critical.rs`): at most another one that stamps is before it.
+        assert!(late_us <= 1, "injected at {injected}, stamped {late_us} us later");
         assert!(time.0 > before, "device time goes back");
         (worst_us, before) = (worst_us.max(late_us), time.0);
     }
     println!("{count} pulses, stamped {worst_us} us late at worst, up to {before} us of device time");
     assert!(wrapped, "the counter has not wrapped");
-    assert!(20 * delayed <= count, "{delayed} of {count} pulses were stamped more than a microsecond late");
 }

@@ -1,7 +1,7 @@
 //! A board that fails says so when it is back: a panic, a fault and a stack that has no room left each restart it, and the next hello
 //! names the reason. The reason lies in RAM that the start-up code leaves alone.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crossfall::{log, words};
 use crossfall_core::protocol::message::Message;
@@ -41,7 +41,7 @@ fn every_failure_is_named_in_the_next_hello() {
 #[test]
 fn bench_messages_are_read_against_the_image() {
     let path = image(Image::Board);
-    let board = Emulator::start(&path, &Options::default()).expect("a board");
+    let mut board = Emulator::start(&path, &Options::default()).expect("a board");
     let status = |message: &Message<'_>| matches!(message, Message::Status(_)).then_some(());
     board.link.wait_for(0, PATIENCE, status).expect("a running board");
     let scratch = tempfile::tempdir().expect("a scratch folder");
@@ -69,4 +69,17 @@ fn bench_messages_are_read_against_the_image() {
     let (lines, untold) = read(None);
     assert!(lines.iter().all(|line| !line.defmt) && untold.defmt_bytes > 40, "{untold:?}");
     assert!(words::table(&log_path).is_err());
+
+    // The same message has come over the bench wire.
+    let mut decoder = table.new_stream_decoder();
+    let deadline = Instant::now() + PATIENCE;
+    let text = loop {
+        decoder.received(&board.bench_bytes().expect("a running board"));
+        match decoder.decode() {
+            Ok(frame) => break frame.display_message().to_string(),
+            Err(_) => assert!(Instant::now() < deadline, "nothing on the bench wire"),
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    };
+    assert_eq!(text, bench[0].1);
 }

@@ -7,6 +7,7 @@
 
 mod las_file;
 mod ply;
+mod stretch;
 
 use std::path::{Path, PathBuf};
 
@@ -18,6 +19,8 @@ use crate::section::{Fitted, Part, Place, lines};
 use crate::track::Position;
 use crate::walk::{Step, Walk};
 use crate::{container, interrupt, output};
+
+pub use stretch::{Across, Stretch};
 
 /// A return within this of a fitted line belongs to its surface, in metres: five standard deviations of the scanner's ranges, and some grass.
 pub const SURFACE_M: f64 = 0.08;
@@ -175,7 +178,7 @@ pub fn write(logs: &[PathBuf], format: Format, to: &Path, mut progress: impl FnM
         let mut steps = 0_u64;
         loop {
             let offset = walk.offset();
-            let Some(step) = walk.next(|_, _| ()) else { break };
+            let Some(step) = walk.next(|_, _| true) else { break };
             steps += 1;
             if steps.is_multiple_of(512) {
                 progress(number, offset);
@@ -218,6 +221,22 @@ fn start(format: Format, to: &Path, origin: [f64; 3], epsg: u16) -> Result<Box<d
         Format::Las | Format::Laz => Box::new(las_file::File::new(output, origin, epsg, format == Format::Laz)?),
         Format::Ply => Box::new(ply::File::new(output, epsg)?),
     })
+}
+
+/// Places the returns of scans on the map, one scan after the other.
+#[derive(Default)]
+pub(crate) struct Placing(Room);
+
+impl Placing {
+    /// Places a scan's returns; false where its pose is not known.
+    pub(crate) fn place(&mut self, step: &Step<'_>, utm: &Utm) -> Result<bool, Error> {
+        self.0.place(step, utm, 0)
+    }
+
+    /// The last scan's returns: easting, northing, ellipsoid height.
+    pub(crate) fn places(&self) -> impl Iterator<Item = [f64; 3]> + '_ {
+        self.0.returns.iter().map(|point| point.place)
+    }
 }
 
 /// Room for the returns of one scan.

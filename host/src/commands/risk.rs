@@ -1,6 +1,6 @@
-//! `crossfall risk FRAMES -o DIR`: elevation and driving risk maps from 3-D LiDAR frames.
+//! `crossfall risk FRAMES -o DIR`: elevation and driving risk maps from 3-D LiDAR frames, or of the road that a drive has passed.
 //!
-//! Reads a folder in the KITTI odometry layout and writes `elevation.tif`, `sigma.tif`, `risk.tif`, `class.tif` (GeoTIFF),
+//! Reads a folder of frames, a Velodyne's network capture or a log and writes `elevation.tif`, `sigma.tif`, `risk.tif`, `class.tif` (GeoTIFF),
 //! `risk.png` (shade is degree) and, on request, `cells.csv` and one picture a frame. `--at` stops after a frame, so
 //! that what was known then can be judged. A frame that cannot be trusted is left out, told on stderr and counted; the map
 //! is never touched by it, and the command ends with 3.
@@ -11,29 +11,42 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, anyhow, bail};
 use crossfall::interrupt;
-use crossfall::terrain::frames::FrameFolder;
+use crossfall::terrain::frames::Choices;
 use crossfall::terrain::lidar::SensorPose;
-use crossfall::terrain::mapper::{Mapper, Workshop};
+use crossfall::terrain::mapper::Mapper;
 use crossfall::terrain::picture::{View, draw};
 use crossfall::terrain::raster::Raster;
+use crossfall::terrain::source::Source;
 use crossfall_core::terrain::{Decision, FrameReport, Refusal, TerrainConfig};
 
 use super::progress::Progress;
 use super::{Outcome, say, say_json, tell};
 
-/// Elevation and driving risk maps (GeoTIFF, PNG, CSV of cells) from 3-D LiDAR frames
+/// Elevation and driving risk maps (GeoTIFF, PNG, CSV of cells) from 3-D LiDAR frames or a drive
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   crossfall simulate --terrain -o frames
   crossfall risk frames -o maps --csv
-  crossfall risk frames -o maps --at 20 --series 5 --live")]
+  crossfall risk frames -o maps --at 20 --series 5 --live
+  crossfall risk dataset/sequences/00 -o maps          (KITTI: poses from dataset/poses/00.txt)
+  crossfall risk scans -o maps --poses slam.txt        (PCD, LAS or LAZ files, times.txt)
+  crossfall risk puck.pcap -o maps --poses slam.txt    (VLP-16, HDL-32E)
+  crossfall risk drive.log.mcap -o maps                (the road just passed, in UTM)")]
 pub struct Args {
-    /// Folder with velodyne/NNNNNN.bin and poses.txt; times.txt, calib.txt and objects.csv are used where there are any
+    /// Folder with velodyne/NNNNNN.bin, or one .pcd, .las or .laz file a frame, and poses.txt; times.txt, calib.txt and
+    /// objects.csv are used where there are any. Or a Velodyne's .pcap or .pcapng. Or the log of a drive
     frames: PathBuf,
     /// Folder for the maps; made if there is none
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
+    /// Poses: 12 numbers a frame (3x4, row-major), or a trajectory of 8 a line (seconds, position, quaternion x y z w)
+    /// instead of the folder's own
+    #[arg(long, value_name = "FILE")]
+    poses: Option<PathBuf>,
+    /// The points of a folder's frames are in the world's axes, not in the sensor's
+    #[arg(long)]
+    world_points: bool,
     /// Also write cells.csv: x_m,y_m,elevation_m,sigma_m,risk,class
     #[arg(long)]
     csv: bool,
@@ -99,51 +112,56 @@ struct Summary {
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    let folder = FrameFolder::open(&args.frames)?;
-    let last = args.at.unwrap_or(folder.len() - 1);
-    if last >= folder.len() {
-        bail!("--at {last}: the folder has frames 0 to {}", folder.len() - 1);
+    let choices = Choices { poses: args.poses.clone(), world_points: args.world_points };
+    let mut source = Source::open(&args.frames, &choices)?;
+    if let (Some(last), Some(count)) = (args.at, source.len())
+        && last >= count
+    {
+        bail!("--at {last}: there are frames 0 to {}", count - 1);
     }
+    let last = args.at.or(source.len().map(|count| count - 1)).unwrap_or(usize::MAX);
     fs::create_dir_all(&args.output).with_context(|| format!("creating {}", args.output.display()))?;
     let series = args.output.join("series");
     if args.series.is_some() {
         fs::create_dir_all(&series).with_context(|| format!("creating {}", series.display()))?;
     }
-    let config = TerrainConfig {
-        cell_m: args.cell,
-        wheel_radius_mm: args.wheel * 1000.0,
-        // The window's far corners lie further away than the range.
-        farthest_m: 1.5 * args.range + 8.0,
-        ..TerrainConfig::default()
-    };
+    let config =
+        TerrainConfig { cell_m: args.cell, wheel_radius_mm: args.wheel * 1000.0, ..TerrainConfig::default() };
     // Frames above a million points are thinned by nobody here: the core counts what does not fit.
-    let capacity = folder.largest()?.clamp(1, 1 << 20);
-    let mut workshop = Workshop::for_range(config, args.range, capacity);
+    let capacity = source.largest()?.clamp(1, 1 << 20);
+    let mut workshop = source.workshop(config, args.range, capacity);
     let mut summary = Summary { map_bytes: workshop.bytes(), ..Summary::default() };
     let mut mapper = workshop.open().map_err(|what| anyhow!("the map cannot be set up: {what:?}"))?;
     mapper.keep_behind(!args.window);
 
-    let progress = Progress::new("risk", last as u64 + 1);
+    let progress = Progress::new("risk", source.len().map_or(0, |count| count.min(last + 1)) as u64);
     let mut points = Vec::new();
     let mut times = Vec::new();
     let mut vehicle = None;
     // Time since the last frame that reached the map: frames that could not be read count as well.
     let mut step_us = 0u32;
-    for index in 0..=last {
+    while let Some((index, frame)) = source.next(&mut points) {
         if interrupt::requested() {
             bail!("interrupted");
         }
         summary.frames += 1;
         progress.at(index as u64);
-        step_us = step_us.saturating_add(folder.step_us(index));
-        if let Err(error) = folder.points(index, &mut points) {
-            tell!("frame {index}: left out: {error}");
-            summary.refused += 1;
-            continue;
-        }
-        let pose = folder.pose(index).ok_or_else(|| anyhow!("frame {index} has no pose"))?;
+        let frame = match frame {
+            Ok(frame) => frame,
+            Err(error) => {
+                tell!("frame {index}: left out: {error}");
+                step_us = step_us.saturating_add(source.step_us(index));
+                summary.refused += 1;
+                if index >= last {
+                    break;
+                }
+                continue;
+            }
+        };
+        step_us = step_us.saturating_add(frame.step_us);
+        let pose = &frame.pose;
         let started = Instant::now();
-        let report = mapper.integrate(&points, pose, step_us, folder.boxes(index));
+        let report = mapper.integrate(&points, pose, step_us, &frame.boxes);
         step_us = 0;
         let ms = started.elapsed().as_secs_f64() * 1e3;
         summary.account(&report);
@@ -176,16 +194,23 @@ pub fn run(args: &Args) -> Result<Outcome> {
                 draw(&raster, around(pose, args.range), Some(pose), &series.join(format!("{index:06}.png")))?;
             }
         }
+        if index >= last {
+            break;
+        }
     }
     drop(progress);
     let Some(vehicle) = vehicle else { bail!("none of the {} frames could be used", summary.frames) };
     mapper.refresh();
-    write_maps(args, &mapper, &vehicle, &mut summary)?;
+    let losses = source.losses();
+    for loss in &losses {
+        tell!("{loss}");
+    }
+    write_maps(args, &mapper, source.georeference(), &vehicle, &mut summary)?;
     times.sort_by(f64::total_cmp);
     summary.ms_per_frame_median = times[times.len() / 2];
     summary.ms_per_frame_worst = times[times.len() - 1];
     summary.print(args.json)?;
-    let lost = summary.refused > 0 || summary.points_over_capacity > 0;
+    let lost = !losses.is_empty() || summary.refused > 0 || summary.points_over_capacity > 0;
     Ok(Outcome::lost_if(lost))
 }
 
@@ -195,8 +220,15 @@ fn around(pose: &SensorPose, range: f32) -> View {
     View { centre: [ahead(0), ahead(1)], half: [0.6 * range, 0.6 * range], zoom: 1 }
 }
 
-fn write_maps(args: &Args, mapper: &Mapper<'_>, vehicle: &SensorPose, summary: &mut Summary) -> Result<()> {
-    let raster = Raster::of(mapper).ok_or_else(|| anyhow!("the frames hold no ground"))?;
+fn write_maps(
+    args: &Args,
+    mapper: &Mapper<'_>,
+    georeference: Option<([f64; 2], u16)>,
+    vehicle: &SensorPose,
+    summary: &mut Summary,
+) -> Result<()> {
+    let mut raster = Raster::of(mapper).ok_or_else(|| anyhow!("the frames hold no ground"))?;
+    raster.georeference = georeference;
     for (_, _, cell) in raster.iter() {
         summary.cells += 1;
         match Decision::of(cell.cell.risk) {

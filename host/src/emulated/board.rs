@@ -2,7 +2,7 @@
 //!
 //! | serial of QEMU | UART | carries |
 //! |---|---|---|
-//! | 0 | USART1 | nothing |
+//! | 0 | USART1 | bench messages, out of the board |
 //! | 1 | USART2 | the link |
 //! | 2 | USART3 | the scanner |
 //! | 3 | UART4 | the inertial unit |
@@ -74,6 +74,8 @@ pub struct Emulator {
     pub ins: SensorEnd,
     pulse: TcpStream,
     commands: TcpStream,
+    /// A few bytes a boot: what nobody reads waits in the connection.
+    bench: TcpStream,
     sequencer: Sequencer,
     /// QEMU's own view of the machine.
     pub monitor: Monitor,
@@ -85,7 +87,17 @@ impl Emulator {
     /// # Errors
     /// When QEMU is missing, does not start, or does not connect in time.
     pub fn start(image: &Path, options: &Options) -> io::Result<Self> {
-        let listeners = [(); 5].map(|()| TcpListener::bind("127.0.0.1:0"));
+        let (mut board, link) = Self::boot(image, options)?;
+        board.link = Collector::start(link);
+        Ok(board)
+    }
+
+    /// Boots an image and leaves its link to the caller, who must read it: QEMU waits for that. [`Emulator::link`] hears nothing then.
+    ///
+    /// # Errors
+    /// As [`Emulator::start`].
+    pub(super) fn boot(image: &Path, options: &Options) -> io::Result<(Self, TcpStream)> {
+        let listeners = [(); 6].map(|()| TcpListener::bind("127.0.0.1:0"));
         let mut ports = Vec::new();
         for listener in &listeners {
             let listener = listener.as_ref().map_err(|error| io::Error::new(error.kind(), error.to_string()))?;
@@ -98,8 +110,9 @@ impl Emulator {
             format!("tcp:127.0.0.1:{port}{delay}")
         };
         let mut command = watched();
-        command.args(["-M", "olimex-stm32-h405", "-display", "none", "-no-user-config", "-serial", "null"]);
-        for &port in ports.iter().take(4) {
+        command.args(["-M", "olimex-stm32-h405", "-display", "none", "-no-user-config"]);
+        // USART1 is QEMU's first serial line and the last of the ports.
+        for &port in ports.iter().skip(5).chain(ports.iter().take(4)) {
             command.arg("-serial").arg(client(port));
         }
         command.arg("-monitor").arg(client(ports[4])).arg("-kernel").arg(image);
@@ -120,16 +133,20 @@ impl Emulator {
         let mut next = streams.into_iter();
         let mut stream = move || next.next().ok_or_else(|| io::Error::other("a connection is missing"));
         let (link, lidar, ins, pulse, monitor) = (stream()?, stream()?, stream()?, stream()?, stream()?);
-        Ok(Self {
+        let bench = stream()?;
+        bench.set_nonblocking(true)?;
+        let board = Self {
             commands: link.try_clone()?,
-            link: Collector::start(link),
+            link: Collector::deaf(),
             lidar: SensorEnd { stream: lidar, sent: 0 },
             ins: SensorEnd { stream: ins, sent: 0 },
             pulse,
+            bench,
             sequencer: Sequencer::new(),
             monitor: Monitor::open(monitor)?,
             child: guard.release(),
-        })
+        };
+        Ok((board, link))
     }
 
     /// One edge of the pulse per second, captured at this value of the board's counter.
@@ -194,6 +211,19 @@ impl Emulator {
     /// When QEMU has gone.
     pub fn link_bytes(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.commands.write_all(bytes)
+    }
+
+    /// What the board has sent on its bench wire since the last call.
+    ///
+    /// # Errors
+    /// When QEMU has gone.
+    pub fn bench_bytes(&mut self) -> io::Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        match self.bench.read_to_end(&mut bytes) {
+            Ok(_) => Err(io::ErrorKind::UnexpectedEof.into()),
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => Ok(bytes),
+            Err(error) => Err(error),
+        }
     }
 
     /// Bytes of the board's stack that have ever been used, and how many there are.

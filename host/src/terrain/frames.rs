@@ -1,10 +1,13 @@
-//! Folders of 3-D frames in the KITTI odometry layout.
+//! Folders of 3-D frames.
 //!
-//! `velodyne/NNNNNN.bin` holds x, y, z and intensity as little-endian f32; `poses.txt` one 3x4 row-major matrix a line;
-//! `times.txt`, where there is one, seconds a line; `objects.csv`, where there is one, boxes of moving objects in the world frame.
-//! Poses are sensor to world. Where a `calib.txt` with a `Tr` line lies beside them, poses are KITTI's own: of the left
-//! camera (z ahead, y down), in the frame of the first one. They are then carried over to the LiDAR through `Tr`, and
-//! the world is the first frame's LiDAR.
+//! The KITTI odometry layout: `velodyne/NNNNNN.bin` holds x, y, z and intensity as little-endian f32. Beside it, or in the folder itself or its
+//! `frames`: a sequence of PCD, LAS or LAZ files, one a frame, in the order of the numbers (or else the names) they bear.
+//! `poses.txt` has the poses ([`Poses`]), sensor to world, or another file that the user names, or what the KITTI data set has for
+//! `sequences/NN`: `../../poses/NN.txt`. `times.txt`, where there is one, has seconds a line; `objects.csv`, where there is one, boxes
+//! of moving objects in the world frame.
+//!
+//! Points are in the sensor's axes, unless the user says that they are in the world's: they are then taken back by the
+//! frame's pose, in `f64`.
 //!
 //! Everything that is small is read and checked when the folder is opened; frames are read one by one.
 
@@ -17,9 +20,11 @@ use crossfall_core::terrain::MovingBox;
 use serde::Deserialize;
 
 use super::lidar::SensorPose;
+use super::poses::{Poses, numbers, read_text};
+use super::{las_frames, pcd};
 
-/// Largest frame that is read: 4 million points.
-const LARGEST: u64 = 64 << 20;
+/// Most points of a frame that is read.
+pub(super) const MOST_POINTS: u64 = 4 << 20;
 
 /// What is wrong with a folder or a frame.
 #[derive(Debug, thiserror::Error)]
@@ -33,7 +38,7 @@ pub enum Error {
         source: io::Error,
     },
     /// No frames.
-    #[error("{}: no frames: expected velodyne/NNNNNN.bin", .0.display())]
+    #[error("{}: no frames: expected velodyne/NNNNNN.bin, or numbered .pcd, .las or .laz files", .0.display())]
     NoFrames(PathBuf),
     /// A frame number is missing.
     #[error("{}: frame {missing} is missing although {last} exists", folder.display())]
@@ -76,13 +81,43 @@ pub enum Error {
         bytes: u64,
     },
     /// A frame too large to be one.
-    #[error("{}: {bytes} bytes are more than any frame has ({LARGEST})", path.display())]
+    #[error("{}: {bytes} bytes are more than any frame has ({MOST_POINTS} points)", path.display())]
     Large {
         /// The file.
         path: PathBuf,
         /// Its size.
         bytes: u64,
     },
+    /// A frame of a format that says what is wrong.
+    #[error("{}, byte {offset}: {what}", path.display())]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// Where.
+        offset: u64,
+        /// What was expected.
+        what: String,
+    },
+    /// A frame without a pose.
+    #[error("frame {0} has no pose: it lies outside the trajectory, or in a hole of it")]
+    NoPose(usize),
+    /// The LAS library refuses.
+    #[error("{}: {source}", path.display())]
+    Las {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: las::Error,
+    },
+    /// A log cannot be read.
+    #[error(transparent)]
+    Log(#[from] crate::container::Error),
+    /// Returns that cannot be placed.
+    #[error(transparent)]
+    Cloud(#[from] crate::cloud::Error),
+    /// A place that is not on the map.
+    #[error(transparent)]
+    Place(#[from] crate::geodesy::Error),
 }
 
 /// A row of `objects.csv`: a moving object, in the world.
@@ -120,13 +155,32 @@ impl ObjectRow {
     }
 }
 
+/// How frames lie in their files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Format {
+    Kitti,
+    Pcd,
+    Las,
+}
+
+/// What the user says of frames beyond what the folder tells.
+#[derive(Clone, Debug, Default)]
+pub struct Choices {
+    /// A file of poses instead of the folder's own.
+    pub poses: Option<PathBuf>,
+    /// Points are in the world's axes.
+    pub world_points: bool,
+}
+
 /// An opened folder.
 #[derive(Debug)]
 pub struct FrameFolder {
     files: Vec<PathBuf>,
-    poses: Vec<SensorPose>,
+    format: Format,
+    poses: Poses,
     times: Option<Vec<f64>>,
     objects: BTreeMap<usize, Vec<MovingBox>>,
+    world_points: bool,
 }
 
 /// Time between frames where no `times.txt` tells: ten turns a second.
@@ -137,20 +191,10 @@ impl FrameFolder {
     ///
     /// # Errors
     /// Missing or malformed files: with file, line and what was expected.
-    pub fn open(folder: &Path) -> Result<Self, Error> {
-        let files = list_frames(folder)?;
-        let poses_path = folder.join("poses.txt");
-        let mut poses = read_poses(&poses_path)?;
-        if poses.len() < files.len() {
-            return Err(Error::Count { path: poses_path, found: poses.len(), what: "poses", frames: files.len() });
-        }
-        let calibration = folder.join("calib.txt");
-        if calibration.exists() {
-            let tr = read_tr(&calibration)?;
-            for pose in &mut poses {
-                *pose = through_camera(pose, &tr);
-            }
-        }
+    pub fn open(folder: &Path, choices: &Choices) -> Result<Self, Error> {
+        let (files, format) = list_frames(folder)?;
+        let poses_path = choices.poses.clone().unwrap_or_else(|| own_poses(folder));
+        let mut poses = Poses::read(&poses_path)?;
         let times_path = folder.join("times.txt");
         let times = if times_path.exists() {
             let times = read_times(&times_path)?;
@@ -161,9 +205,23 @@ impl FrameFolder {
         } else {
             None
         };
+        match &poses {
+            Poses::Frames(all) if all.len() < files.len() => {
+                return Err(Error::Count { path: poses_path, found: all.len(), what: "poses", frames: files.len() });
+            }
+            Poses::Trajectory(_) if times.is_none() => {
+                let what = "a trajectory needs times.txt beside the frames".into();
+                return Err(Error::Line { path: poses_path, line: 1, what });
+            }
+            _ => {}
+        }
+        let calibration = folder.join("calib.txt");
+        if calibration.exists() {
+            poses.calibrate(&calibration)?;
+        }
         let objects_path = folder.join("objects.csv");
         let objects = if objects_path.exists() { read_objects(&objects_path)? } else { BTreeMap::new() };
-        Ok(Self { files, poses, times, objects })
+        Ok(Self { files, format, poses, times, objects, world_points: choices.world_points })
     }
 
     /// Number of frames.
@@ -186,8 +244,8 @@ impl FrameFolder {
 
     /// The sensor's pose in a frame.
     #[must_use]
-    pub fn pose(&self, index: usize) -> Option<&SensorPose> {
-        self.poses.get(index)
+    pub fn pose(&self, index: usize) -> Option<SensorPose> {
+        self.poses.of(index, self.times.as_ref().and_then(|times| times.get(index).copied()))
     }
 
     /// Boxes to reject in a frame.
@@ -206,100 +264,129 @@ impl FrameFolder {
         }
     }
 
-    /// Reads a frame's points.
+    /// Reads a frame's points, in the sensor's axes.
     ///
     /// # Errors
-    /// A file that cannot be read or is not a whole number of points.
+    /// A file that cannot be read or is no frame, or points in the world's axes of a frame without a pose.
     pub fn points(&self, index: usize, out: &mut Vec<[f32; 4]>) -> Result<(), Error> {
         out.clear();
         let Some(path) = self.files.get(index) else { return Ok(()) };
-        let read = |source| Error::Read { path: path.clone(), source };
-        let bytes = fs::metadata(path).map_err(read)?.len();
-        if bytes > LARGEST {
-            return Err(Error::Large { path: path.clone(), bytes });
+        let from = if self.world_points { Some(self.pose(index).ok_or(Error::NoPose(index))?) } else { None };
+        let mut put = |[x, y, z]: [f64; 3], intensity: f32| {
+            let [x, y, z] = from.as_ref().map_or([x, y, z], |pose| pose.back([x, y, z]));
+            out.push([x as f32, y as f32, z as f32, intensity]);
+        };
+        match self.format {
+            Format::Las => las_frames::read(path, &mut put),
+            Format::Pcd => pcd::read(path, &load(path)?, &mut put),
+            Format::Kitti => {
+                let data = load(path)?;
+                if data.len() % 16 != 0 {
+                    return Err(Error::Size { path: path.clone(), bytes: data.len() as u64 });
+                }
+                for point in data.as_chunks::<16>().0 {
+                    let value = |at: usize| f32::from_le_bytes([point[at], point[at + 1], point[at + 2], point[at + 3]]);
+                    put([value(0), value(4), value(8)].map(f64::from), value(12));
+                }
+                Ok(())
+            }
         }
-        let data = fs::read(path).map_err(read)?;
-        if data.len() % 16 != 0 {
-            return Err(Error::Size { path: path.clone(), bytes: data.len() as u64 });
-        }
-        out.extend(data.chunks_exact(16).map(|point| {
-            let value = |at: usize| f32::from_le_bytes([point[at], point[at + 1], point[at + 2], point[at + 3]]);
-            [value(0), value(4), value(8), value(12)]
-        }));
-        Ok(())
     }
 
-    /// The largest frame's number of points.
+    /// The largest frame's number of points, or a bound of it.
     ///
     /// # Errors
     /// A file whose size cannot be told.
     pub fn largest(&self) -> Result<usize, Error> {
         let mut most = 0;
         for path in &self.files {
-            let bytes = fs::metadata(path).map_err(|source| Error::Read { path: path.clone(), source })?.len();
-            most = most.max(bytes.min(LARGEST));
+            let points = match self.format {
+                Format::Las => las_frames::count(path)?,
+                Format::Pcd => pcd::count(path)?,
+                Format::Kitti => size(path)? / 16,
+            };
+            most = most.max(points.min(MOST_POINTS));
         }
-        Ok((most / 16) as usize)
+        Ok(most as usize)
     }
 }
 
-fn list_frames(folder: &Path) -> Result<Vec<PathBuf>, Error> {
+fn size(path: &Path) -> Result<u64, Error> {
+    fs::metadata(path).map(|found| found.len()).map_err(|source| Error::Read { path: path.into(), source })
+}
+
+/// A whole file, if it is not larger than any frame.
+fn load(path: &Path) -> Result<Vec<u8>, Error> {
+    let bytes = size(path)?;
+    // Text takes up to 64 bytes a point.
+    if bytes > MOST_POINTS * 64 {
+        return Err(Error::Large { path: path.into(), bytes });
+    }
+    fs::read(path).map_err(|source| Error::Read { path: path.into(), source })
+}
+
+/// `poses.txt` beside the frames, or where the KITTI data set keeps those of `sequences/NN`.
+fn own_poses(folder: &Path) -> PathBuf {
+    let own = folder.join("poses.txt");
+    let full = fs::canonicalize(folder).unwrap_or_else(|_| folder.into());
+    let kitti = full.file_name().zip(full.parent().and_then(Path::parent)).map(|(name, root)| {
+        let mut name = name.to_owned();
+        name.push(".txt");
+        root.join("poses").join(name)
+    });
+    match kitti.filter(|kitti| !own.exists() && kitti.exists()) {
+        Some(kitti) => kitti,
+        None => own,
+    }
+}
+
+/// The frames of a folder in their order, and their format.
+fn list_frames(folder: &Path) -> Result<(Vec<PathBuf>, Format), Error> {
     let velodyne = folder.join("velodyne");
-    let read = |source| Error::Read { path: velodyne.clone(), source };
-    let mut numbered = BTreeMap::new();
-    for entry in fs::read_dir(&velodyne).map_err(read)? {
-        let path = entry.map_err(read)?.path();
-        let number = path
-            .extension()
-            .filter(|extension| *extension == "bin")
-            .and(path.file_stem())
-            .and_then(|stem| stem.to_str())
-            .and_then(|stem| stem.parse::<usize>().ok());
-        if let Some(number) = number {
-            numbered.insert(number, path);
+    if velodyne.is_dir() {
+        let files = listed(&velodyne, &["bin"])?;
+        return if files.is_empty() { Err(Error::NoFrames(folder.into())) } else { Ok((files, Format::Kitti)) };
+    }
+    for place in [folder.to_path_buf(), folder.join("frames"), folder.join("pcd"), folder.join("las")] {
+        // A folder that is not there is the user's mistake only if it is the one named.
+        if place != folder && !place.is_dir() {
+            continue;
+        }
+        for (format, endings) in [(Format::Pcd, &["pcd"][..]), (Format::Las, &["las", "laz"])] {
+            let files = listed(&place, endings)?;
+            if !files.is_empty() {
+                return Ok((files, format));
+            }
         }
     }
-    let Some(last) = numbered.keys().next_back().copied() else { return Err(Error::NoFrames(folder.into())) };
-    if let Some(missing) =
-        numbered.keys().copied().zip(0..).find_map(|(number, wanted)| (number != wanted).then_some(wanted))
-    {
-        return Err(Error::Gap { folder: velodyne, missing, last });
-    }
-    Ok(numbered.into_values().collect())
+    Err(Error::NoFrames(folder.into()))
 }
 
-fn read_text(path: &Path) -> Result<String, Error> {
-    fs::read_to_string(path).map_err(|source| Error::Read { path: path.into(), source })
-}
-
-fn numbers(path: &Path, line: usize, text: &str, count: usize) -> Result<Vec<f64>, Error> {
-    let wrong = |what: String| Error::Line { path: path.into(), line, what };
-    let mut values = Vec::with_capacity(count);
-    for word in text.split_whitespace() {
-        values.push(word.parse::<f64>().map_err(|_| wrong(format!("'{word}' is no number")))?);
+/// Files of some endings, by their numbers where all names are numbers, else by their names. Numbers that count from 0 or 1 must
+/// leave none out.
+fn listed(folder: &Path, endings: &[&str]) -> Result<Vec<PathBuf>, Error> {
+    let read = |source| Error::Read { path: folder.into(), source };
+    let mut files = Vec::new();
+    for entry in fs::read_dir(folder).map_err(read)? {
+        let path = entry.map_err(read)?.path();
+        let ending = path.extension().and_then(|ending| ending.to_str()).map(str::to_ascii_lowercase);
+        if ending.is_some_and(|ending| endings.contains(&ending.as_str())) {
+            files.push(path);
+        }
     }
-    if values.len() != count {
-        return Err(wrong(format!("{} numbers, expected {count}", values.len())));
+    files.sort();
+    let stem = |path: &PathBuf| path.file_stem().and_then(|stem| stem.to_str()).map(str::to_owned);
+    let numbers: Option<Vec<u64>> = files.iter().map(|path| stem(path)?.parse().ok()).collect();
+    let Some(numbers) = numbers.filter(|numbers| !numbers.is_empty()) else { return Ok(files) };
+    let mut numbered: Vec<(u64, PathBuf)> = numbers.into_iter().zip(files).collect();
+    numbered.sort();
+    let (first, last) = (numbered[0].0, numbered[numbered.len() - 1].0);
+    let counted = first <= 1 && last < 100_000_000;
+    let gap = numbered.iter().zip(first..).find(|((number, _), wanted)| number != wanted);
+    if let Some((_, missing)) = gap.filter(|_| counted) {
+        return Err(Error::Gap { folder: folder.into(), missing: missing as usize, last: last as usize });
     }
-    Ok(values)
-}
-
-fn matrix(values: &[f64]) -> SensorPose {
-    let mut pose = SensorPose { rotation: [[0.0; 3]; 3], position: [0.0; 3] };
-    for (axis, row) in values.chunks_exact(4).take(3).enumerate() {
-        pose.rotation[axis].copy_from_slice(&row[..3]);
-        pose.position[axis] = row[3];
-    }
-    pose
-}
-
-/// Reads poses. A pose that is not a number stays one that the map refuses, frame by frame.
-fn read_poses(path: &Path) -> Result<Vec<SensorPose>, Error> {
-    let mut poses = Vec::new();
-    for (index, line) in read_text(path)?.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
-        poses.push(matrix(&numbers(path, index + 1, line, 12)?));
-    }
-    Ok(poses)
+    Ok(numbered.into_iter().map(|(_, path)| path).collect())
 }
 
 fn read_times(path: &Path) -> Result<Vec<f64>, Error> {
@@ -313,39 +400,6 @@ fn read_times(path: &Path) -> Result<Vec<f64>, Error> {
         times.push(time);
     }
     Ok(times)
-}
-
-fn read_tr(path: &Path) -> Result<SensorPose, Error> {
-    for (index, line) in read_text(path)?.lines().enumerate() {
-        for name in ["Tr:", "Tr_velo_to_cam:"] {
-            if let Some(rest) = line.trim().strip_prefix(name) {
-                return Ok(matrix(&numbers(path, index + 1, rest, 12)?));
-            }
-        }
-    }
-    Err(Error::Line { path: path.into(), line: 1, what: "no line 'Tr:' (LiDAR to camera) in the file".into() })
-}
-
-/// A camera's pose to the LiDAR's, in the frame of the first LiDAR: inverse(Tr) x pose x Tr.
-fn through_camera(pose: &SensorPose, tr: &SensorPose) -> SensorPose {
-    let product = |a: &SensorPose, b: &SensorPose| {
-        let mut out = SensorPose { rotation: [[0.0; 3]; 3], position: a.position };
-        for row in 0..3 {
-            for column in 0..3 {
-                out.rotation[row][column] = (0..3).map(|k| a.rotation[row][k] * b.rotation[k][column]).sum();
-            }
-            out.position[row] += (0..3).map(|k| a.rotation[row][k] * b.position[k]).sum::<f64>();
-        }
-        out
-    };
-    let mut inverse = SensorPose { rotation: [[0.0; 3]; 3], position: [0.0; 3] };
-    for row in 0..3 {
-        for column in 0..3 {
-            inverse.rotation[row][column] = tr.rotation[column][row];
-        }
-        inverse.position[row] = -(0..3).map(|k| tr.rotation[k][row] * tr.position[k]).sum::<f64>();
-    }
-    product(&inverse, &product(pose, tr))
 }
 
 fn read_objects(path: &Path) -> Result<BTreeMap<usize, Vec<MovingBox>>, Error> {

@@ -86,6 +86,13 @@ impl SensorPose {
         let row = |r: &[f64; 3]| r[0] * v[0] + r[1] * v[1] + r[2] * v[2];
         [row(&self.rotation[0]), row(&self.rotation[1]), row(&self.rotation[2])]
     }
+
+    /// The sensor's axes of a place in the world.
+    #[must_use]
+    pub fn back(&self, place: [f64; 3]) -> [f64; 3] {
+        let from = [0, 1, 2].map(|axis| place[axis] - self.position[axis]);
+        [0, 1, 2].map(|axis| (0..3).map(|row| self.rotation[row][axis] * from[row]).sum())
+    }
 }
 
 /// The rotation of yaw, then pitch (nose down positive), then roll, all in radians (z up, x forward, y left).

@@ -99,6 +99,9 @@ impl<'a> Mapper<'a> {
         boxes: &[MovingBox],
     ) -> FrameReport {
         let (behind, keep) = (&mut self.behind, self.keep);
+        if keep {
+            self.map.finish_leaving(&to_core(pose));
+        }
         let report = self.map.integrate(points, &to_core(pose), dt_us, boxes, |tile| {
             if keep {
                 behind.insert(tile.key(), tile.clone());

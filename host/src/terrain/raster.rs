@@ -39,6 +39,8 @@ pub struct Raster {
     pub width: usize,
     /// Cells towards y.
     pub height: usize,
+    /// Easting and northing of the world's zero, and the EPSG code of the coordinates: what the files say, where it is known.
+    pub georeference: Option<([f64; 2], u16)>,
     cells: Vec<Option<RasterCell>>,
 }
 
@@ -68,7 +70,7 @@ impl Raster {
         let span = |axis: usize| (high[axis] - low[axis] + 1) as usize * side;
         let cell_m = mapper.map().cell_um() as f64 * 1e-6;
         let corner = [f64::from(low[0]), f64::from(low[1])].map(|tile| tile * side as f64 * cell_m);
-        let mut raster = Self { cell_m, corner, width: span(0), height: span(1), cells: vec![None; span(0) * span(1)] };
+        let mut raster = Self { cell_m, corner, width: span(0), height: span(1), georeference: None, cells: vec![None; span(0) * span(1)] };
         for (key, tile) in tiles {
             for row in 0..side {
                 for column in 0..side {
@@ -97,6 +99,11 @@ impl Raster {
     pub fn centre(&self, column: usize, row: usize) -> [f64; 2] {
         let along = |index: usize, corner: f64| corner + (index as f64 + 0.5) * self.cell_m;
         [along(column, self.corner[0]), along(row, self.corner[1])]
+    }
+
+    /// Where the world's zero lies in the files' coordinates.
+    fn zero(&self) -> [f64; 2] {
+        self.georeference.map_or([0.0; 2], |(zero, _)| zero)
     }
 
     /// The whole raster as a picture of at most 4,000 pixels a side.
@@ -158,8 +165,10 @@ impl Raster {
         writeln!(out, "x_m,y_m,elevation_m,sigma_m,risk,class").with_context(writing)?;
         // Centres of cells of 0.1 m need two decimals, of other sizes at most four.
         let digits = if (self.cell_m * 20.0).fract().abs() < 1e-9 { 2 } else { 4 };
+        let zero = self.zero();
         for (column, row, cell) in self.iter() {
             let [x, y] = self.centre(column, row);
+            let (x, y) = (x + zero[0], y + zero[1]);
             let risk = f64::from(cell.cell.risk) / 255.0;
             let class = cell.cell.class.name();
             writeln!(out, "{x:.digits$},{y:.digits$},{:.4},{:.4},{risk:.3},{class}", cell.elevation_m, cell.sigma_m)
@@ -206,14 +215,16 @@ impl Raster {
                 .with_context(writing)?
                 .with_compression(Compression::Deflate(Default::default()));
             let mut image = encoder.new_image::<C>(self.width as u32, self.height as u32).with_context(writing)?;
-            let top = self.corner[1] + self.height as f64 * self.cell_m;
+            let zero = self.zero();
+            let (left, top) = (zero[0] + self.corner[0], zero[1] + self.corner[1] + self.height as f64 * self.cell_m);
             // GeoTIFF 1.1: scale, one tie point (raster 0,0 to the upper left corner), and the key directory: a projected
-            // model, pixels are areas, user-defined system in metres.
+            // model, pixels are areas, the system's EPSG code or a user-defined one (32767), metres.
             let tags = image.encoder();
             tags.write_tag(Tag::ModelPixelScaleTag, &[self.cell_m, self.cell_m, 0.0][..]).with_context(writing)?;
-            tags.write_tag(Tag::ModelTiepointTag, &[0.0, 0.0, 0.0, self.corner[0], top, 0.0][..])
+            tags.write_tag(Tag::ModelTiepointTag, &[0.0, 0.0, 0.0, left, top, 0.0][..])
                 .with_context(writing)?;
-            let keys: [u16; 20] = [1, 1, 1, 4, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 32_767, 3076, 0, 1, 9001];
+            let system = self.georeference.map_or(32_767, |(_, epsg)| epsg);
+            let keys: [u16; 20] = [1, 1, 1, 4, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, system, 3076, 0, 1, 9001];
             tags.write_tag(Tag::GeoKeyDirectoryTag, &keys[..]).with_context(writing)?;
             tags.write_tag(Tag::GdalNodata, no_data).with_context(writing)?;
             image.write_data(data).with_context(writing)?;

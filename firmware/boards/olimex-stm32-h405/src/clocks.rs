@@ -31,6 +31,8 @@ pub struct Clocks {
     pub core_hz: u32,
     /// USART2, USART3, UART4, UART5.
     pub apb1_hz: u32,
+    /// USART1.
+    pub apb2_hz: u32,
     /// TIM5, before its prescaler.
     pub timer_hz: u32,
 }
@@ -46,7 +48,8 @@ fn wait(mut ready: impl FnMut() -> bool) -> bool {
 pub fn start(platform: Platform) -> Clocks {
     if platform == Platform::Emulated {
         // QEMU: the machine's SysTick runs at 168 MHz, timers at 1 GHz; UARTs do not mind their baud rate.
-        return Clocks { source: Source::Emulated, core_hz: 168_000_000, apb1_hz: 42_000_000, timer_hz: 1_000_000_000 };
+        let (core_hz, apb1_hz, apb2_hz) = (168_000_000, 42_000_000, 84_000_000);
+        return Clocks { source: Source::Emulated, core_hz, apb1_hz, apb2_hz, timer_hz: 1_000_000_000 };
     }
     pac::FLASH.acr().modify(|w| {
         w.set_prften(true);
@@ -68,7 +71,14 @@ pub fn start(platform: Platform) -> Clocks {
     });
     rcc.cr().modify(|w| w.set_pllon(true));
     if !wait(|| rcc.cr().read().pllrdy()) {
-        return Clocks { source: Source::InternalSlow, core_hz: 16_000_000, apb1_hz: 16_000_000, timer_hz: 16_000_000 };
+        let all_hz = 16_000_000;
+        return Clocks {
+            source: Source::InternalSlow,
+            core_hz: all_hz,
+            apb1_hz: all_hz,
+            apb2_hz: all_hz,
+            timer_hz: all_hz,
+        };
     }
     // The dividers first: APB1 may not exceed 42 MHz, APB2 84 MHz. A divided bus clocks its timers at twice its rate.
     rcc.cfgr().modify(|w| {
@@ -83,6 +93,7 @@ pub fn start(platform: Platform) -> Clocks {
         source: if crystal { Source::Crystal } else { Source::Internal },
         core_hz: 168_000_000,
         apb1_hz: 42_000_000,
+        apb2_hz: 84_000_000,
         timer_hz: 84_000_000,
     }
 }

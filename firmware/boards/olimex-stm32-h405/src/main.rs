@@ -2,8 +2,8 @@
 //!
 //! | priority | what |
 //! |---|---|
-//! | 1 | UARTs and pulse: stamp and store, nothing else |
-//! | 2 | SysTick: timers |
+//! | 1 | UARTs and pulse: stamp and store, nothing else; no critical section holds them off |
+//! | 2 | SysTick: timers; wakes the readers of the above |
 //! | 4 | acquisition executor: lines, decoding, link |
 //! | 14 | survey executor |
 //! | thread | sleeps |
@@ -14,12 +14,14 @@
 #![no_main]
 
 mod clocks;
+mod critical;
 mod emulation;
 mod fault;
 mod in_place;
 mod log;
 mod pins;
 mod pulse;
+mod ring;
 mod stack;
 mod time;
 mod uart;
@@ -48,6 +50,7 @@ use embassy_time::Timer;
 use static_cell::{ConstStaticCell, StaticCell};
 
 use clocks::{Clocks, Source};
+use critical::{ANSWER, CEILING, STAMPS};
 use emulation::Platform;
 use fault::Restart;
 use pins::LightPins;
@@ -68,6 +71,10 @@ const BOARD: &str = "olimex-stm32-h405";
 static LIDAR: Port<512, 64> = Port::new(pac::USART3);
 static INS: Port<256, 64> = Port::new(pac::UART4);
 static LINK: Port<256, 512> = Port::new(pac::USART2);
+
+/// Bench messages on a wire of their own, for who has no probe; nothing is received.
+pub static BENCH: Port<1, 256> = Port::new(pac::USART1);
+const BENCH_BAUD: u32 = 115_200;
 
 static ACQUISITION: InterruptExecutor = InterruptExecutor::new();
 static SURVEY: InterruptExecutor = InterruptExecutor::new();
@@ -102,7 +109,8 @@ fn main() -> ! {
     let (lights, watchdog) = pins::start(peripherals);
 
     // SAFETY: before any interrupt is enabled.
-    unsafe { core.SCB.set_priority(SystemHandler::SysTick, u8::from(Priority::P2)) };
+    unsafe { core.SCB.set_priority(SystemHandler::SysTick, u8::from(CEILING)) };
+    answer_bells();
     interrupt::CAN2_RX0.set_priority(Priority::P4);
     interrupt::CAN2_RX1.set_priority(Priority::P14);
     time::start(&clocks, &mut core.SYST);
@@ -141,19 +149,21 @@ async fn acquisition(parts: Parts) {
     let shared = &*SHARED.init_with(|| RefCell::new(Acquisition::new(decode, outbox, work)));
 
     let open = |line: interrupt::Interrupt| {
-        line.set_priority(Priority::P1);
+        line.set_priority(STAMPS);
         // SAFETY: the port behind it is open.
         unsafe { line.enable() };
     };
     let lidar = LIDAR.open(clocks.apb1_hz, config.scanner.baud);
     let ins = INS.open(clocks.apb1_hz, config.ins.baud);
     let (commands, frames) = LINK.open(clocks.apb1_hz, LINK_BAUD).split();
+    BENCH.open_to_send(clocks.apb2_hz, BENCH_BAUD);
     let pulses = match platform {
         Platform::Silicon => Pulses::capture(),
         Platform::Emulated => Pulses::from_bytes(),
     };
+    use Interrupt::{TIM5, UART4, UART5, USART1, USART2, USART3};
     use interrupt::Interrupt;
-    for line in [Interrupt::USART2, Interrupt::USART3, Interrupt::UART4, Interrupt::UART5, Interrupt::TIM5] {
+    for line in [USART1, USART2, USART3, UART4, UART5, TIM5] {
         open(line);
     }
 
@@ -266,6 +276,26 @@ fn CAN2_RX0() {
 fn CAN2_RX1() {
     // SAFETY: likewise.
     unsafe { SURVEY.on_interrupt() }
+}
+
+/// Turns the interrupt on that wakes what the stamping ones have rung for.
+fn answer_bells() {
+    ANSWER.set_priority(CEILING);
+    // SAFETY: it shares nothing with code that runs before.
+    unsafe { ANSWER.enable() };
+}
+
+#[interrupt]
+fn CAN1_RX0() {
+    LIDAR.answer();
+    INS.answer();
+    LINK.answer();
+    pulse::answer();
+}
+
+#[interrupt]
+fn USART1() {
+    BENCH.on_interrupt(time::counter());
 }
 
 #[interrupt]

@@ -4,7 +4,7 @@ use embassy_stm32::gpio::{AfType, AnyPin, Flex, Level, Output, OutputType, Pin, 
 use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::{Peri, Peripherals, pac};
 
-/// Alternate functions of TIM5, USART2 and USART3, UART4.
+/// Alternate functions of TIM5, USART1 to USART3, UART4.
 const TIM3_5: u8 = 2;
 const USART1_3: u8 = 7;
 const UART4_6: u8 = 8;
@@ -52,6 +52,7 @@ pub fn start(p: Peripherals) -> (LightPins, Peri<'static, IWDG>) {
         w.set_uart4en(true);
         w.set_uart5en(true);
     });
+    pac::RCC.apb2enr().modify(|w| w.set_usart1en(true));
     send(p.PA2, USART1_3);
     receive(p.PA3, USART1_3);
     send(p.PB10, USART1_3);
@@ -59,6 +60,7 @@ pub fn start(p: Peripherals) -> (LightPins, Peri<'static, IWDG>) {
     send(p.PC10, UART4_6);
     receive(p.PC11, UART4_6);
     receive(p.PA1, TIM3_5);
+    send(p.PA9, USART1_3);
     let lights = LightPins {
         running: Inverted(Output::new(p.PC12, Level::Low, Speed::Low)),
         lock: Output::new(p.PC6, Level::Low, Speed::Low),

@@ -9,20 +9,23 @@
 //! show in the stamps, [`CAPTURED`] and four bytes (low first): the counter's value as a timer would have captured it. A byte that
 //! [`emulation::provoke`] knows makes the board fail on purpose.
 
+use core::future::poll_fn;
 use core::sync::atomic::{AtomicU32, Ordering};
+use core::task::Poll;
 
 use crossfall_firmware::line::PulseInput;
 use crossfall_protocol::DeviceTime;
 use embassy_stm32::interrupt;
 use embassy_stm32::pac;
 use embassy_stm32::pac::timer::vals::{CcmrInputCcs, FilterValue};
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::channel::Channel;
 
+use crate::critical::Bell;
+use crate::ring::Ring;
 use crate::{emulation, time};
 
-/// Edges not yet read: one a second comes, and what a bouncing contact makes of it.
-static EDGES: Channel<CriticalSectionRawMutex, u32, 8> = Channel::new();
+/// Edges not yet read: one a second comes, and what a bouncing contact makes of it. Only one of the two interrupts below is ever on.
+static EDGES: Ring<AtomicU32, 8> = Ring::new();
+static CAME: Bell = Bell::new();
 
 /// Edges lost: captures overwritten before they were read, and edges without room.
 static OVERRUNS: AtomicU32 = AtomicU32::new(0);
@@ -65,11 +68,29 @@ impl Pulses {
 
 impl PulseInput for Pulses {
     async fn edge(&mut self) -> DeviceTime {
-        time::extend(EDGES.receive().await)
+        let stamp = poll_fn(|context| {
+            CAME.register(context.waker());
+            EDGES.pop().map_or(Poll::Pending, Poll::Ready)
+        });
+        time::extend(stamp.await)
     }
 
     fn overruns(&self) -> u32 {
         OVERRUNS.load(Ordering::Relaxed)
+    }
+}
+
+/// Wakes the reader if an edge has come.
+pub fn answer() {
+    CAME.answer();
+}
+
+/// Puts an edge where the reader finds it.
+fn came(stamp: u32) {
+    if EDGES.push(stamp) {
+        CAME.ring();
+    } else {
+        overrun();
     }
 }
 
@@ -83,9 +104,7 @@ fn TIM5() {
     let status = timer.sr().read();
     if status.ccif(CHANNEL) {
         // Reading the captured value clears its flag (18.4.5).
-        if EDGES.try_send(timer.ccr(CHANNEL).read()).is_err() {
-            overrun();
-        }
+        came(timer.ccr(CHANNEL).read());
     }
     if status.ccof(CHANNEL) {
         // Flags are cleared by writing 0 to them and 1 to the others.
@@ -122,7 +141,10 @@ fn UART5() {
                 (missing == 1).then_some(value)
             }
         };
-        if edge.is_some_and(|edge| EDGES.try_send(edge).is_err()) || status.ore() {
+        if let Some(edge) = edge {
+            came(edge);
+        }
+        if status.ore() {
             overrun();
         }
     }

@@ -1,28 +1,28 @@
 //! UARTs that stamp every byte in the first instruction of its interrupt and count every byte they lose.
 //!
-//! A byte and the low 24 bits of its stamp share one word of a ring: single producer (the interrupt), single consumer
-//! (the reader), no lock. 24 bits are 16.8 s; readers come every millisecond. A byte that arrives while the ring is
-//! full, or that the receiver itself overran (RM0090, 30.6.1, ORE), is counted, never silently gone. Sending goes
-//! through a bounded pipe that the transmit interrupt drains.
+//! A byte and the low 24 bits of its stamp share one word of a ring from the interrupt to the reader. 24 bits are 16.8 s;
+//! readers come every millisecond. A byte that arrives while the ring is full, or that the receiver itself overran
+//! (RM0090, 30.6.1, ORE), is counted, never silently gone. Sending goes through a second ring, which the interrupt empties.
+//! No critical section delays the interrupt (`critical.rs`).
 //!
 //! One byte an interrupt and no DMA: at 500 kbaud that is 50,000 interrupts a second of about 60 cycles, 2 % of the
 //! core, and each byte has a stamp of its own, which a DMA block would not give. QEMU has neither DMA nor IDLE.
 
 use core::convert::Infallible;
 use core::future::poll_fn;
-use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 use core::task::Poll;
 
 use crossfall_firmware::line::{SensorLine, StampedRead};
 use crossfall_protocol::DeviceTime;
 use embassy_futures::select::select;
 use embassy_stm32::pac::usart::Usart;
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::pipe::Pipe;
-use embassy_sync::waitqueue::AtomicWaker;
+use embassy_stm32::pac::usart::regs::Cr1;
 use embassy_time::{Duration, Timer};
 use embedded_io_async::{ErrorType, Read, Write};
 
+use crate::critical::Bell;
+use crate::ring::Ring;
 use crate::time;
 
 /// Stamps are kept modulo 2^24 microseconds.
@@ -41,30 +41,27 @@ pub fn lines_are_emulated() {
     HOLD_BACK.store(true, Ordering::Relaxed);
 }
 
-/// One UART: `RX` bytes of ring (a power of two), `TX` bytes of pipe.
+/// One UART, with room for `RX` received and `TX` outgoing bytes, both powers of two.
 pub struct Port<const RX: usize, const TX: usize> {
     usart: Usart,
-    ring: [AtomicU32; RX],
-    /// Bytes ever put into the ring and ever taken out; their difference is what it holds.
-    put: AtomicU32,
-    taken: AtomicU32,
+    /// Each byte below the low 24 bits of its stamp.
+    received: Ring<AtomicU32, RX>,
     lost: AtomicU32,
-    arrived: AtomicWaker,
-    outgoing: Pipe<CriticalSectionRawMutex, TX>,
+    arrived: Bell,
+    outgoing: Ring<AtomicU8, TX>,
+    room: Bell,
 }
 
 impl<const RX: usize, const TX: usize> Port<RX, TX> {
     /// A port for one peripheral; nothing happens before [`Port::open`].
     pub const fn new(usart: Usart) -> Self {
-        const { assert!(RX.is_power_of_two()) };
         Self {
             usart,
-            ring: [const { AtomicU32::new(0) }; RX],
-            put: AtomicU32::new(0),
-            taken: AtomicU32::new(0),
+            received: Ring::new(),
             lost: AtomicU32::new(0),
-            arrived: AtomicWaker::new(),
-            outgoing: Pipe::new(),
+            arrived: Bell::new(),
+            outgoing: Ring::new(),
+            room: Bell::new(),
         }
     }
 
@@ -81,6 +78,16 @@ impl<const RX: usize, const TX: usize> Port<RX, TX> {
         Line { receiver, sender: Sender { port: self }, bus_hz }
     }
 
+    /// Starts the peripheral for sending alone, with what [`Port::try_send`] already holds.
+    pub fn open_to_send(&self, bus_hz: u32, baud: u32) {
+        self.set_divider(bus_hz, baud);
+        self.usart.cr1().write(|w| {
+            w.set_ue(true);
+            w.set_te(true);
+            w.set_txeie(true);
+        });
+    }
+
     /// Oversampling by 16: the divider is the bus clock over the rate, in sixteenths already (RM0090, 30.3.4).
     fn set_divider(&self, bus_hz: u32, baud: u32) {
         let divider = (bus_hz + baud / 2) / baud.max(1);
@@ -93,69 +100,88 @@ impl<const RX: usize, const TX: usize> Port<RX, TX> {
         // The overrun flag is cleared by reading the status and then the data (30.6.1); the data register still holds
         // the byte before the one that was lost. Never write the status: QEMU would clear a fresh RXNE with it.
         let status = self.usart.sr().read();
-        if status.rxne() && self.held() >= RX && HOLD_BACK.load(Ordering::Relaxed) {
+        if status.rxne() && self.received.held() >= RX && HOLD_BACK.load(Ordering::Relaxed) {
             self.usart.cr1().modify(|w| w.set_rxneie(false));
         } else if status.rxne() || status.ore() {
             let byte = self.usart.dr().read().dr() as u8;
             if status.ore() {
-                self.lost.store(self.lost.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
+                self.lose();
             }
             if status.rxne() {
                 self.push(byte, stamp);
             }
         }
         if status.txe() && self.usart.cr1().read().txeie() {
-            let mut byte = [0];
-            if self.outgoing.try_read(&mut byte).is_ok() {
-                self.usart.dr().write(|w| w.set_dr(byte[0].into()));
-            } else {
-                self.usart.cr1().modify(|w| w.set_txeie(false));
+            match self.outgoing.pop() {
+                Some(byte) => {
+                    self.usart.dr().write(|w| w.set_dr(byte.into()));
+                    // A writer only waits when there is no room at all.
+                    if self.outgoing.held() == TX / 2 {
+                        self.room.ring();
+                    }
+                }
+                None => self.usart.cr1().modify(|w| w.set_txeie(false)),
             }
         }
     }
 
-    /// Bytes in the ring.
-    fn held(&self) -> usize {
-        self.put.load(Ordering::Acquire).wrapping_sub(self.taken.load(Ordering::Acquire)) as usize
+    /// Wakes the tasks for which the interrupt has rung.
+    pub fn answer(&self) {
+        self.arrived.answer();
+        self.room.answer();
+    }
+
+    /// Sends bytes without waiting: all, or none where there is no room; whether they are on their way. Nothing else may be sending.
+    pub fn try_send(&self, bytes: &[u8]) -> bool {
+        if self.outgoing.held() + bytes.len() > TX {
+            return false;
+        }
+        for &byte in bytes {
+            self.outgoing.push(byte);
+        }
+        self.start_sending();
+        true
+    }
+
+    fn lose(&self) {
+        self.lost.store(self.lost.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
     }
 
     fn push(&self, byte: u8, stamp: u32) {
-        let put = self.put.load(Ordering::Relaxed);
-        let held = put.wrapping_sub(self.taken.load(Ordering::Acquire)) as usize;
-        if held >= RX {
-            self.lost.store(self.lost.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
+        if !self.received.push(stamp << 8 | u32::from(byte)) {
+            self.lose();
             return;
         }
-        self.ring[put as usize % RX].store(stamp << 8 | u32::from(byte), Ordering::Relaxed);
-        self.put.store(put.wrapping_add(1), Ordering::Release);
         // The reader sleeps for the first byte and then for a chunk, see `Receiver::read`.
-        if held == 0 || held + 1 == CHUNK {
-            self.arrived.wake();
+        let held = self.received.held();
+        if held == 1 || held == CHUNK {
+            self.arrived.ring();
         }
     }
 
     async fn wait_for(&self, count: usize) {
         poll_fn(|context| {
             self.arrived.register(context.waker());
-            if self.held() < count { Poll::Pending } else { Poll::Ready(()) }
+            if self.received.held() < count { Poll::Pending } else { Poll::Ready(()) }
         })
         .await;
     }
 
-    /// Byte `k` of the ring and the low 24 bits of its stamp. What it holds stays there until it is let go.
-    fn entry(&self, k: usize) -> (u8, u32) {
-        let at = (self.taken.load(Ordering::Relaxed) as usize).wrapping_add(k);
-        let entry = self.ring[at % RX].load(Ordering::Relaxed);
-        (entry as u8, entry >> 8)
-    }
-
     /// Lets go of the oldest bytes, of which there are at least so many.
     fn let_go(&self, count: usize) {
-        let taken = self.taken.load(Ordering::Relaxed);
-        self.taken.store(taken.wrapping_add(count as u32), Ordering::Release);
+        self.received.let_go(count);
         if HOLD_BACK.load(Ordering::Relaxed) {
-            critical_section::with(|_| self.usart.cr1().modify(|w| w.set_rxneie(true)));
+            self.control(|w| w.set_rxneie(true));
         }
+    }
+
+    fn start_sending(&self) {
+        self.control(|w| w.set_txeie(true));
+    }
+
+    /// Changes the control register between two of its interrupts, which are held off for these few instructions.
+    fn control(&self, change: impl FnOnce(&mut Cr1)) {
+        cortex_m::interrupt::free(|_| self.usart.cr1().modify(change));
     }
 }
 
@@ -209,12 +235,12 @@ impl<const RX: usize, const TX: usize> Read for Receiver<RX, TX> {
         let port = self.port;
         port.let_go(core::mem::take(&mut self.count));
         port.wait_for(1).await;
-        if port.held() < CHUNK {
+        if port.received.held() < CHUNK {
             select(port.wait_for(CHUNK), Timer::after(GATHER)).await;
         }
-        self.count = port.held().min(CHUNK).min(into.len());
+        self.count = port.received.held().min(CHUNK).min(into.len());
         for (k, slot) in into.iter_mut().take(self.count).enumerate() {
-            *slot = port.entry(k).0;
+            *slot = port.received.peek(k) as u8;
         }
         let counter = time::counter();
         self.read_at = (counter, time::extend(counter));
@@ -224,7 +250,7 @@ impl<const RX: usize, const TX: usize> Read for Receiver<RX, TX> {
 
 impl<const RX: usize, const TX: usize> StampedRead for Receiver<RX, TX> {
     fn arrival(&self, k: usize) -> DeviceTime {
-        let (_, stamp) = self.port.entry(k);
+        let stamp = self.port.received.peek(k) >> 8;
         let (counter, time) = self.read_at;
         let age = counter.wrapping_sub(stamp) & STAMP_MASK;
         time.offset(-i64::from(age))
@@ -237,14 +263,25 @@ impl<const RX: usize, const TX: usize> StampedRead for Receiver<RX, TX> {
 
 impl<const RX: usize, const TX: usize> Write for Sender<RX, TX> {
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
-        let count = self.port.outgoing.write(bytes).await;
-        critical_section::with(|_| self.port.usart.cr1().modify(|w| w.set_txeie(true)));
+        if bytes.is_empty() {
+            return Ok(0);
+        }
+        let port = self.port;
+        let count = poll_fn(|context| {
+            port.room.register(context.waker());
+            match bytes.iter().take_while(|byte| port.outgoing.push(**byte)).count() {
+                0 => Poll::Pending,
+                count => Poll::Ready(count),
+            }
+        })
+        .await;
+        port.start_sending();
         Ok(count)
     }
 
     /// Waits until the last bit has left the pin.
     async fn flush(&mut self) -> Result<(), Infallible> {
-        while !self.port.outgoing.is_empty() || !self.port.usart.sr().read().tc() {
+        while self.port.outgoing.held() > 0 || !self.port.usart.sr().read().tc() {
             Timer::after_millis(1).await;
         }
         Ok(())

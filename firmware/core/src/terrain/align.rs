@@ -13,6 +13,7 @@ use core::cmp::Ordering;
 
 use super::geometry::dot;
 use super::project::Projection;
+use super::sight::Direction;
 use super::tile::UNITS_PER_M;
 use super::window::Window;
 
@@ -51,20 +52,6 @@ pub(crate) struct Correction {
     pub(crate) tilt_rate: [f32; 2],
 }
 
-/// Part of a turn by which a point lies off straight ahead, positive to the left: the diamond angle, within 0.011 of the true one.
-#[inline]
-pub(crate) fn turn(p: [f32; 3]) -> f32 {
-    let manhattan = p[0].abs() + p[1].abs();
-    let side = 0.25 * p[1] / manhattan.max(0.01);
-    if p[0] >= 0.0 {
-        side
-    } else if p[1] >= 0.0 {
-        0.5 - side
-    } else {
-        -0.5 - side
-    }
-}
-
 /// Cells of 256 are one unit of the fit.
 const SCALE: f32 = 1.0 / 256.0;
 /// Pairs below which nothing is corrected: the map is too young.
@@ -91,7 +78,7 @@ pub(crate) fn align(
         if !(range2 >= near2 && range2 <= far2) {
             continue;
         }
-        let turn = turn(p);
+        let turn = Direction::of(x, y, z).turn;
         // Behind the beam the turn is at its ends, where rates explain least.
         if turn.abs() > 0.2 {
             continue;

@@ -26,6 +26,9 @@ pub struct TerrainConfig {
     pub overhang_m: f32,
     /// Radius of the wheel that takes the step, mm.
     pub wheel_radius_mm: f32,
+    /// The sensor is a line across the road that the vehicle pushes on: every place is seen once. What stands is believed at its first
+    /// hit, nothing is looked through, and frames are placed by their poses alone, as there is no map yet to fit them to.
+    pub push_broom: bool,
     /// Every how manyth frame a touched tile's risk is told anew: 1 to 8.
     pub refresh_every: u8,
 }
@@ -44,6 +47,7 @@ impl Default for TerrainConfig {
             tall_above_m: 0.35,
             overhang_m: 2.6,
             wheel_radius_mm: 320.0,
+            push_broom: false,
             refresh_every: 3,
         }
     }

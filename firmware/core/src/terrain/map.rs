@@ -11,14 +11,17 @@ use super::classify::{Outlook, classify};
 use super::config::TerrainConfig;
 use super::geometry::{Pose, Step, Track};
 use super::marks::{Marks, close_around_hits, settle_ground};
-use super::project::{PointCounts, Projection, Sample, project};
+use super::project::{PointCounts, Projection, Sample, Targets, project};
 use super::relief::{Patch, Relief};
 use super::risk::RiskTable;
 use super::sight::{RangeImage, RangePixels};
 use super::slope::{measure, pool};
 use super::standing::{look_through, raise};
 use super::tile::{TALL_CERTAIN, TILE_SIDE, Tile, TileKey, margin_table};
-use super::window::Window;
+use super::window::{Neighbours, Window};
+
+/// Beyond this, 20 m, a tile's risk is told half as often: at any speed there is time for it, and most tiles lie there.
+const FAR_UM: i64 = 20_000_000;
 
 /// Storage that the caller lends.
 pub struct Storage<'a> {
@@ -192,11 +195,16 @@ impl<'a> TerrainMap<'a> {
         }
         self.sensor_um = pose.position_um;
         self.forward = [pose.rotation[0][0], pose.rotation[1][0]];
-        self.move_window(pose, &mut retired);
+        let origin = self.origin_at(pose);
+        self.window.place(origin, &mut retired);
 
         let mut projection = Projection::new(pose, self.cell_um, &self.window, self.datum_um);
         let reach = (self.config.nearest_m, self.config.farthest_m);
-        let (alignment, correction) = align(points, &projection, &self.window, self.pairs, reach, self.config.cell_m);
+        let (alignment, correction) = if self.config.push_broom {
+            Default::default()
+        } else {
+            align(points, &projection, &self.window, self.pairs, reach, self.config.cell_m)
+        };
         report.alignment = alignment;
         if alignment.compared >= 300 && alignment.within.saturating_mul(3) < alignment.compared {
             self.misfits = self.misfits.saturating_add(1);
@@ -221,10 +229,7 @@ impl<'a> TerrainMap<'a> {
             &projection,
             &self.config,
             &self.window,
-            self.samples,
-            self.marks,
-            &mut self.image,
-            &mut report.points,
+            Targets { samples: self.samples, marks: self.marks, image: &mut self.image, counts: &mut report.points },
         );
         mark_boxes(boxes, &projection, self.cell_um, pose, &self.window, self.marks);
         settle_ground(&self.window, self.marks);
@@ -232,10 +237,14 @@ impl<'a> TerrainMap<'a> {
         self.tell_standing(used, &mut report.points);
         self.fuse(used, &mut report.points);
         let stamp = self.stamp();
-        raise(&mut self.window, self.marks, stamp);
-        report.cleared =
-            look_through(&mut self.window, self.marks, &self.image, &projection, pose, &self.config, stamp);
-        report.refreshed = self.refresh(false);
+        // In a line's only look at a place its first hit is all there will be.
+        raise(&mut self.window, self.marks, if self.config.push_broom { TALL_CERTAIN } else { 1 }, stamp);
+        if !self.config.push_broom {
+            report.cleared =
+                look_through(&mut self.window, self.marks, &self.image, &projection, pose, &self.config, stamp);
+        }
+        let due = self.schedule();
+        report.refreshed = self.refresh(due);
         report
     }
 
@@ -275,25 +284,41 @@ impl<'a> TerrainMap<'a> {
         true
     }
 
-    fn move_window(&mut self, pose: &Pose, retired: &mut impl FnMut(&Tile)) {
+    /// Where the window's lowest corner goes with a pose.
+    fn origin_at(&self, pose: &Pose) -> TileKey {
         let tile_um = self.cell_um.wrapping_mul(16).max(1);
         let [forward_x, forward_y] = [pose.rotation[0][0], pose.rotation[1][0]];
         let ahead_um = self.config.ahead_m * 1e6;
-        let key = |position: i64, forward: f32| {
-            let centre = position.wrapping_add((forward * ahead_um) as i64);
-            // Within 4,000 km and tiles of at least 0.8 m: 23 bits.
-            centre.div_euclid(tile_um) as i32
-        };
         let half = i32::from(self.window.side / 2);
-        let centre = TileKey { x: key(pose.position_um[0], forward_x), y: key(pose.position_um[1], forward_y) };
+        let corner = |position: i64, forward: f32| {
+            let centre = position.saturating_add((forward * ahead_um) as i64);
+            // Within 4,000 km and tiles of at least 0.8 m: 23 bits.
+            (centre.div_euclid(tile_um) as i32).wrapping_sub(half)
+        };
+        let origin = TileKey { x: corner(pose.position_um[0], forward_x), y: corner(pose.position_um[1], forward_y) };
         // Wait for two tiles of motion, so that the border does not churn with every wobble of the heading.
-        let origin = TileKey { x: centre.x.wrapping_sub(half), y: centre.y.wrapping_sub(half) };
         let held = self.window.origin;
         let near = |a: i32, b: i32| a.wrapping_sub(b).unsigned_abs() <= 1;
-        if self.frame != 0 && near(origin.x, held.x) && near(origin.y, held.y) {
+        if self.frame != 0 && near(origin.x, held.x) && near(origin.y, held.y) { held } else { origin }
+    }
+
+    /// Brings risk and classes up to date of the tiles that a frame with this pose will hand over as retired. Callers who
+    /// keep them call it before that frame; the others save themselves the work.
+    pub fn finish_leaving(&mut self, pose: &Pose) {
+        let origin = self.origin_at(pose);
+        if self.frame == 0 || origin == self.window.origin {
             return;
         }
-        self.window.place(origin, retired);
+        let side = u32::from(self.window.side);
+        let leaves = move |key: TileKey| {
+            key.x.wrapping_sub(origin.x) as u32 >= side || key.y.wrapping_sub(origin.y) as u32 >= side
+        };
+        self.refresh(|_, tile| tile.dirty && leaves(tile.key));
+        for slot in 0..self.window.tiles.len() {
+            if self.window.tiles.get(slot).is_some_and(|tile| leaves(tile.key)) {
+                self.classify_slot(slot);
+            }
+        }
     }
 
     fn tell_standing(&mut self, used: usize, counts: &mut PointCounts) {
@@ -338,35 +363,48 @@ impl<'a> TerrainMap<'a> {
         for tile in self.window.tiles.iter_mut() {
             tile.dirty = tile.in_use;
         }
-        self.refresh(true);
+        self.refresh(|_, tile| tile.dirty);
         for slot in 0..self.window.tiles.len() {
             self.classify_slot(slot);
         }
     }
 
-    fn refresh(&mut self, all: bool) -> u32 {
+    /// Which tiles are told anew in this frame: every so manyth, and of those far off every other.
+    fn schedule(&self) -> impl Fn(usize, &Tile) -> bool + use<> {
         let every = u32::from(self.config.refresh_every.max(1));
-        let due = |slot: usize, frame: u32| all || (slot as u32).wrapping_add(frame).checked_rem(every) == Some(0);
         let frame = self.frame;
+        let tile_um = self.cell_um.wrapping_mul(16).max(1);
+        let key = |axis: usize| {
+            let position = self.sensor_um.get(axis).copied().unwrap_or(0);
+            position.div_euclid(tile_um) as i32
+        };
+        let here = TileKey { x: key(0), y: key(1) };
+        let near = FAR_UM.checked_div(tile_um).unwrap_or(0) as u32;
+        move |slot, tile| {
+            let far = tile.key.x.abs_diff(here.x).max(tile.key.y.abs_diff(here.y)) > near;
+            let every = if far { 2 * every } else { every };
+            tile.dirty && (slot as u32).wrapping_add(frame).checked_rem(every) == Some(0)
+        }
+    }
+
+    fn refresh(&mut self, due: impl Fn(usize, &Tile) -> bool) -> u32 {
         for (slot, tile) in self.window.tiles.iter_mut().enumerate() {
-            if tile.dirty && due(slot, frame) {
-                measure(tile);
+            if due(slot, tile) {
+                measure(tile, !self.config.push_broom);
             }
         }
         let mut refreshed = 0;
         for slot in 0..self.window.tiles.len() {
             let Some(tile) = self.window.tiles.get(slot) else { continue };
-            if !tile.dirty || !due(slot, frame) {
+            if !due(slot, tile) {
                 continue;
             }
-            let key = tile.key;
-            let rise = pool(&self.window, key);
-            let Some(tile) = self.window.tiles.get(slot) else { continue };
-            let patch = Patch::gather(&self.window, tile);
-            let relief = match rise {
-                Some(rise) if !patch.is_empty() => Some(self.relief_on_slopes(&patch, key, rise)),
-                _ => None,
-            };
+            let around = self.window.around(tile.key);
+            let rise = pool(&self.window, &around, tile.key);
+            let relief = rise.and_then(|rise| {
+                let patch = Patch::gather(&around);
+                (!patch.is_empty()).then(|| relief_on_slopes(&patch, &around, rise))
+            });
             if let Some(tile) = self.window.tiles.get_mut(slot) {
                 tile.dirty = false;
                 tile.rise = rise.unwrap_or(tile.rise);
@@ -375,35 +413,6 @@ impl<'a> TerrainMap<'a> {
             }
         }
         refreshed
-    }
-
-    /// Relief under the tile's gradient, or under a neighbour's where that explains the heights better: where a ramp
-    /// begins, half of a tile lies on one slope and half on the other, and neither is a step.
-    fn relief_on_slopes(&self, patch: &Patch, key: TileKey, rise: [i16; 2]) -> Relief {
-        let mut relief = patch.relief(rise);
-        // 3 cm: below it nothing asks to slow down.
-        if relief.iter().flatten().all(|relief| *relief < 120) {
-            return relief;
-        }
-        let mut tried = [rise; 3];
-        let mut count = 1;
-        for (dx, dy) in [(-1, 0), (1, 0), (0, -1), (0, 1)] {
-            let near = TileKey { x: key.x.wrapping_add(dx), y: key.y.wrapping_add(dy) };
-            let Some(other) = self.window.tile(near).filter(|tile| tile.known >= 12) else { continue };
-            // Gradients that differ by less than 2.5 % (40 units over 0.4 m) are the same.
-            let fresh = tried
-                .iter()
-                .take(count)
-                .all(|held| held.iter().zip(other.rise).any(|(a, b)| a.saturating_sub(b).unsigned_abs() > 40));
-            let Some(entry) = tried.get_mut(count).filter(|_| fresh) else { continue };
-            *entry = other.rise;
-            count += 1;
-            let again = patch.relief(other.rise);
-            for (held, new) in relief.iter_mut().flatten().zip(again.iter().flatten()) {
-                *held = (*held).min(*new);
-            }
-        }
-        relief
     }
 
     fn classify_slot(&mut self, slot: usize) {
@@ -424,6 +433,34 @@ impl<'a> TerrainMap<'a> {
             tile.unclassified = false;
         }
     }
+}
+
+/// Relief under the tile's gradient, or under a neighbour's where that explains the heights better: where a ramp
+/// begins, half of a tile lies on one slope and half on the other, and neither is a step.
+fn relief_on_slopes(patch: &Patch, around: &Neighbours<'_>, rise: [i16; 2]) -> Relief {
+    let mut relief = patch.relief(rise);
+    // 3 cm: below it nothing asks to slow down.
+    if relief.iter().flatten().all(|relief| *relief < 120) {
+        return relief;
+    }
+    let mut tried = [rise; 3];
+    let mut count = 1;
+    for (dx, dy) in [(-1, 0), (1, 0), (0, -1), (0, 1)] {
+        let Some(other) = around.tile(dx, dy).filter(|tile| tile.known >= 12) else { continue };
+        // Gradients that differ by less than 2.5 % (40 units over 0.4 m) are the same.
+        let fresh = tried
+            .iter()
+            .take(count)
+            .all(|held| held.iter().zip(other.rise).any(|(a, b)| a.saturating_sub(b).unsigned_abs() > 40));
+        let Some(entry) = tried.get_mut(count).filter(|_| fresh) else { continue };
+        *entry = other.rise;
+        count += 1;
+        let again = patch.relief(other.rise);
+        for (held, new) in relief.iter_mut().flatten().zip(again.iter().flatten()) {
+            *held = (*held).min(*new);
+        }
+    }
+    relief
 }
 
 fn store(tile: &mut Tile, relief: Option<&Relief>, table: &RiskTable) {

@@ -3,11 +3,11 @@
 //! A point's height variance is (floor)^2 + (tilt x range)^2 + (range sigma x fall / range)^2: what alignment leaves
 //! at the sensor, what it leaves of pitch and roll, and the range noise as it shows on ground seen at that incidence.
 
-use super::align::{Correction, turn};
+use super::align::Correction;
 use super::config::TerrainConfig;
 use super::geometry::{Pose, dot};
 use super::marks::Marks;
-use super::sight::RangeImage;
+use super::sight::{Direction, RangeImage};
 use super::tile::{UNITS_PER_M, WEIGHT_ONE};
 use super::window::Window;
 
@@ -66,6 +66,22 @@ pub struct PointCounts {
     pub fused: u32,
 }
 
+impl PointCounts {
+    /// Counts a point that does not enter the map, by its first reason.
+    fn leave_out(&mut self, range2: f32, turn: f32, limits: &Limits) {
+        let reason = if !range2.is_finite() {
+            &mut self.not_finite
+        } else if range2 < limits.near2 || range2 > limits.far2 {
+            &mut self.out_of_range
+        } else if turn.abs() > limits.half_turn {
+            &mut self.behind
+        } else {
+            &mut self.out_of_window
+        };
+        *reason += 1;
+    }
+}
+
 impl Projection {
     pub(crate) fn new(pose: &Pose, cell_um: i64, window: &Window<'_>, datum_um: i64) -> Self {
         let scale = 1e6 / cell_um.max(1) as f32;
@@ -103,13 +119,12 @@ impl Projection {
         }
     }
 
-    /// Cells from the sensor along x and y, and height above the datum.
+    /// Cells from the sensor along x and y, and height above the datum, of one point.
     #[inline]
     pub(crate) fn apply(&self, p: [f32; 3], turn: f32) -> ([f32; 2], i32) {
         let offset = [dot(self.x, p), dot(self.y, p)];
         let up = dot(self.z, p) + self.rest + turn * (dot(self.z_rate, p) + self.lift_rate);
-        let rounded = if up >= 0.0 { up + 0.5 } else { up - 0.5 };
-        (offset, self.whole.saturating_add(rounded as i32))
+        (offset, self.whole.saturating_add(nearest(up)))
     }
 
     /// A direction of the world (cells along x and y, units of height) in sensor axes, in metres.
@@ -143,80 +158,214 @@ impl Weighting {
     }
 
     /// `range2` in m^2, `fall` in quarter millimetres.
-    #[inline]
-    pub(crate) fn weight(&self, range2: f32, fall: f32) -> u16 {
+    #[inline(always)]
+    fn weight(&self, range2: f32, fall: f32) -> f32 {
         let fall_m = fall * (1.0 / UNITS_PER_M);
-        let variance = self.floor + self.tilt * range2 + self.range * (fall_m * fall_m) / range2;
-        ((WEIGHT_ONE / variance) as u16).max(1)
+        // The variance times range2, so that one division does.
+        let variance = (self.floor + self.tilt * range2) * range2 + self.range * (fall_m * fall_m);
+        WEIGHT_ONE * range2 / variance
     }
+}
+
+// Whole numbers by the bits of sums: a conversion that saturates, as `as` does, has no vector instruction.
+
+/// To the nearest whole number, halves to even. |value| below 2^22; anything beyond that.
+#[inline(always)]
+pub(crate) fn nearest(value: f32) -> i32 {
+    // 1.5 x 2^23: the last bit is worth one.
+    const ONES: f32 = 12_582_912.0;
+    (value + ONES).to_bits().wrapping_sub(ONES.to_bits()) as i32
+}
+
+/// The whole number below a value of 0 to 4096, or the one above where less than 1/4096 is missing; anything else gives
+/// some number of 0 to 4095.
+#[inline(always)]
+pub(crate) fn below(value: f32) -> i32 {
+    // Between 2^12 and 2^13 eleven bits of the mantissa are behind the point.
+    ((value + 4096.0).to_bits() >> 11 & 4095) as i32
+}
+
+/// The smaller of two, the second where the first is not a number: the vector instruction.
+#[inline(always)]
+pub(crate) fn least(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+/// Points that are worked out together.
+const BLOCK: usize = 32;
+type Lane = [f32; BLOCK];
+type Words = [i32; BLOCK];
+
+/// What is worked out of a block of points by the same operations on each, which compilers turn into vectors: one lane a
+/// quantity, in the order of the points.
+struct Block {
+    points: [Lane; 3],
+    turn: Lane,
+    range2: Lane,
+    u: Lane,
+    v: Lane,
+    up: Lane,
+    /// Cells from the window's lowest corner; -1 where the point is not to enter the map.
+    column: Words,
+    row: Words,
+    /// Quarter millimetres above the sensor.
+    rise: Words,
+    weight: Words,
+    pixel: Words,
+    range_cm: Words,
+}
+
+impl Block {
+    const EMPTY: Self = Self {
+        points: [[0.0; BLOCK]; 3],
+        turn: [0.0; BLOCK],
+        range2: [0.0; BLOCK],
+        u: [0.0; BLOCK],
+        v: [0.0; BLOCK],
+        up: [0.0; BLOCK],
+        column: [0; BLOCK],
+        row: [0; BLOCK],
+        rise: [0; BLOCK],
+        weight: [0; BLOCK],
+        pixel: [0; BLOCK],
+        range_cm: [0; BLOCK],
+    };
+
+    fn fill(&mut self, points: &[[f32; 4]], projection: &Projection, weighting: &Weighting, limits: &Limits) {
+        let [xs, ys, zs] = &mut self.points;
+        for (((x, y), z), point) in xs.iter_mut().zip(ys.iter_mut()).zip(zs.iter_mut()).zip(points) {
+            [*x, *y, *z, _] = *point;
+        }
+        polar(&self.points, &mut self.turn, &mut self.range2, &mut self.pixel, &mut self.range_cm);
+        let Projection { x, y, z, z_rate, origin, .. } = projection;
+        affine(&self.points, x, origin[0], &mut self.u);
+        affine(&self.points, y, origin[1], &mut self.v);
+        heights(&self.points, &self.turn, (z, projection.rest), (z_rate, projection.lift_rate), &mut self.up);
+        weights(weighting, &self.range2, &self.up, &mut self.weight, &mut self.rise);
+        let within = (&self.range2, &self.turn, &self.u, &self.v);
+        cells(limits, within, &mut self.column, &mut self.row);
+    }
+}
+
+/// What bounds the points that enter the map.
+struct Limits {
+    near2: f32,
+    far2: f32,
+    half_turn: f32,
+    cells: f32,
+}
+
+// One loop each and never inlined: so they become vector instructions, and stay so.
+
+#[inline(never)]
+fn polar(points: &[Lane; 3], turns: &mut Lane, range2: &mut Lane, pixels: &mut Words, range_cm: &mut Words) {
+    let [xs, ys, zs] = points;
+    for lane in 0..BLOCK {
+        let (x, y, z) = (xs[lane], ys[lane], zs[lane]);
+        let direction = Direction::of(x, y, z);
+        turns[lane] = direction.turn;
+        pixels[lane] = direction.pixel();
+        range_cm[lane] = nearest(least(direction.range * 100.0, 65_535.0));
+        range2[lane] = x * x + y * y + z * z;
+    }
+}
+
+#[inline(never)]
+fn affine(points: &[Lane; 3], by: &[f32; 3], origin: f32, out: &mut Lane) {
+    let [xs, ys, zs] = points;
+    for lane in 0..BLOCK {
+        out[lane] = by[0] * xs[lane] + by[1] * ys[lane] + by[2] * zs[lane] + origin;
+    }
+}
+
+#[inline(never)]
+fn heights(points: &[Lane; 3], turns: &Lane, still: (&[f32; 3], f32), rate: (&[f32; 3], f32), out: &mut Lane) {
+    let [xs, ys, zs] = points;
+    for lane in 0..BLOCK {
+        let at = |by: (&[f32; 3], f32)| by.0[0] * xs[lane] + by.0[1] * ys[lane] + by.0[2] * zs[lane] + by.1;
+        out[lane] = at(still) + turns[lane] * at(rate);
+    }
+}
+
+#[inline(never)]
+fn weights(weighting: &Weighting, range2: &Lane, ups: &Lane, out: &mut Words, rises: &mut Words) {
+    for lane in 0..BLOCK {
+        out[lane] = nearest(weighting.weight(range2[lane], ups[lane]));
+        rises[lane] = nearest(ups[lane]);
+    }
+}
+
+#[inline(never)]
+fn cells(
+    limits: &Limits,
+    (range2, turns, us, vs): (&Lane, &Lane, &Lane, &Lane),
+    columns: &mut Words,
+    rows: &mut Words,
+) {
+    for lane in 0..BLOCK {
+        let (range2, u, v) = (range2[lane], us[lane], vs[lane]);
+        // Every comparison is false for what is not a number. No short circuits: they would be branches.
+        let near = (range2 >= limits.near2) & (range2 <= limits.far2) & (turns[lane].abs() <= limits.half_turn);
+        let inside = (u >= 0.0) & (v >= 0.0) & (u < limits.cells) & (v < limits.cells);
+        let out = -i32::from(!(near & inside));
+        columns[lane] = below(u) | out;
+        rows[lane] = below(v) | out;
+    }
+}
+
+/// What projection writes to.
+pub(crate) struct Targets<'t, 'p> {
+    pub(crate) samples: &'t mut [Sample],
+    pub(crate) marks: &'t mut [Marks],
+    pub(crate) image: &'t mut RangeImage<'p>,
+    pub(crate) counts: &'t mut PointCounts,
 }
 
 /// Projects all points. Fills the samples, the marks of every touched tile and the range image; returns how many
 /// samples there are.
-#[allow(clippy::too_many_arguments)]
 pub(crate) fn project(
     points: &[[f32; 4]],
     projection: &Projection,
     config: &TerrainConfig,
     window: &Window<'_>,
-    samples: &mut [Sample],
-    marks: &mut [Marks],
-    image: &mut RangeImage<'_>,
-    counts: &mut PointCounts,
+    targets: Targets<'_, '_>,
 ) -> usize {
+    let Targets { samples, marks, image, counts } = targets;
     let weighting = Weighting::new(config);
-    let (near2, far2) = (config.nearest_m * config.nearest_m, config.farthest_m * config.farthest_m);
-    let cells = f32::from(window.side) * 16.0;
+    let limits = Limits {
+        near2: config.nearest_m * config.nearest_m,
+        far2: config.farthest_m * config.farthest_m,
+        half_turn: config.half_turn,
+        cells: f32::from(window.side) * 16.0,
+    };
     let mut used = 0;
-    let side = u32::from(window.side);
-    let (corner_x, corner_y) = (window.corner_slot(window.origin.x), window.corner_slot(window.origin.y));
-    for &[x, y, z, _] in points {
-        let p = [x, y, z];
-        let range2 = dot(p, p);
-        if !range2.is_finite() {
-            counts.not_finite += 1;
-            continue;
-        }
-        image.see(p);
-        if range2 < near2 || range2 > far2 {
-            counts.out_of_range += 1;
-            continue;
-        }
-        let turn = turn(p);
-        if turn.abs() > config.half_turn {
-            counts.behind += 1;
-            continue;
-        }
-        let (offset, height) = projection.apply(p, turn);
-        let (u, v) = (offset[0] + projection.origin[0], offset[1] + projection.origin[1]);
-        if !(u >= 0.0 && v >= 0.0 && u < cells && v < cells) {
-            counts.out_of_window += 1;
-            continue;
-        }
-        let (ix, iy) = (u as u32, v as u32);
-        let (mut sx, mut sy) = ((ix >> 4) + corner_x, (iy >> 4) + corner_y);
-        if sx >= side {
-            sx -= side;
-        }
-        if sy >= side {
-            sy -= side;
-        }
-        let slot = sy.wrapping_mul(side).wrapping_add(sx);
-        let Some(sample) = samples.get_mut(used) else {
-            counts.over_capacity += 1;
-            continue;
-        };
-        let fall = height.wrapping_sub(projection.whole) as f32;
-        *sample = Sample {
-            z: height,
-            slot: slot as u16,
-            weight: weighting.weight(range2, fall),
-            cell: ((iy & 15) << 4 | (ix & 15)) as u8,
-            stands: false,
-        };
-        used += 1;
-        if let Some(mark) = marks.get_mut(slot as usize) {
-            mark.touch(height);
+    let mut block = Block::EMPTY;
+    for points in points.chunks(BLOCK) {
+        block.fill(points, projection, &weighting, &limits);
+        for lane in 0..points.len().min(BLOCK) {
+            image.see(block.pixel[lane], block.range_cm[lane]);
+            let (column, row) = (block.column[lane], block.row[lane]);
+            if column < 0 {
+                counts.leave_out(block.range2[lane], block.turn[lane], &limits);
+                continue;
+            }
+            let slot = window.slot((column >> 4) as u32, (row >> 4) as u32);
+            let Some(sample) = samples.get_mut(used) else {
+                counts.over_capacity += 1;
+                continue;
+            };
+            let height = projection.whole.wrapping_add(block.rise[lane]);
+            *sample = Sample {
+                z: height,
+                slot: slot as u16,
+                weight: block.weight[lane].clamp(1, i32::from(u16::MAX)) as u16,
+                cell: ((row & 15) << 4 | (column & 15)) as u8,
+                stands: false,
+            };
+            used += 1;
+            if let Some(mark) = marks.get_mut(slot) {
+                mark.touch(height);
+            }
         }
     }
     used

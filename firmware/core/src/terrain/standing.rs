@@ -20,15 +20,15 @@ const RECENT: u8 = 20;
 /// Height above the tile's ground from which recent content is taken for the body's edge: 4 cm.
 const EDGE: i32 = 160;
 
-/// Counts this frame's hits into the tiles.
-pub(crate) fn raise(window: &mut Window<'_>, marks: &[Marks], stamp: u8) {
+/// Counts this frame's hits into the tiles, each as `by`.
+pub(crate) fn raise(window: &mut Window<'_>, marks: &[Marks], by: u8, stamp: u8) {
     for (tile, mark) in window.tiles.iter_mut().zip(marks).filter(|(_, mark)| mark.any_hit) {
         tile.in_use = true;
         tile.has_tall = true;
         tile.dirty = true;
         for (index, tall) in tile.tall.iter_mut().enumerate() {
             if Marks::is_set(&mark.hits, index as u8) {
-                *tall = tall.saturating_add(1).min(MOST);
+                *tall = tall.saturating_add(by).min(MOST);
                 tile.stamp[index & 255] = stamp;
             }
         }

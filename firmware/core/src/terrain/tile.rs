@@ -16,6 +16,8 @@ pub const UNITS_PER_M: f32 = 4000.0;
 pub(crate) const WEIGHT_ONE: f32 = 4096.0;
 /// Largest weight of a cell: sigma 1 mm.
 pub(crate) const WEIGHT_CAP: u16 = 4096;
+/// Furthest from the tile's base, quarter millimetres.
+const HIGHEST: u32 = 32_000;
 /// A point that lies this far below its cell restarts it: the cell held something that has gone. 0.25 m.
 const RESTART_BELOW: i32 = 1000;
 /// A point this far above its cell is not the same surface. 0.25 m.
@@ -96,6 +98,8 @@ pub struct Tile {
     pub(crate) in_use: bool,
     pub(crate) dirty: bool,
     pub(crate) has_tall: bool,
+    /// First impressions have been reviewed.
+    pub(crate) reviewed: bool,
     /// Some cell's risk changed since the classes were told.
     pub(crate) unclassified: bool,
     pub(crate) height: [i16; TILE_CELLS],
@@ -125,6 +129,7 @@ impl Tile {
         in_use: false,
         dirty: false,
         has_tall: false,
+        reviewed: false,
         unclassified: false,
         height: [0; TILE_CELLS],
         weight: [0; TILE_CELLS],
@@ -177,44 +182,44 @@ impl Tile {
             self.in_use = true;
             self.base = z;
         }
-        let Ok(relative) = i16::try_from(z.wrapping_sub(self.base)) else {
+        let relative = z.wrapping_sub(self.base);
+        if relative.unsigned_abs() > HIGHEST {
             // More than 8 m from the tile's first point: no ground of the same 1.6 m.
             return;
-        };
+        }
         self.dirty = true;
         self.stamp[index] = stamp;
-        let held = self.height[index];
-        let difference = i32::from(relative) - i32::from(held);
-        let scatter = self.scatter[index];
+        let held = i32::from(self.height[index]);
+        let difference = relative.wrapping_sub(held);
+        let scatter = i32::from(self.scatter[index]);
         if self.margin[index] == 0 || difference < -RESTART_BELOW {
             self.set(index, relative, weight, margins);
             return;
         }
         if difference > FOREIGN_ABOVE {
             // A cell made by a stray low point must not hold out against the ground above it for ever.
-            self.scatter[index] = scatter.saturating_add(60);
+            self.scatter[index] = self.scatter[index].saturating_add(60);
             if self.scatter[index] > SCATTER_RESTART {
                 self.set(index, relative, weight, margins);
             }
             return;
         }
-        let old = self.weight[index];
-        let sum = old.saturating_add(weight).min(WEIGHT_CAP);
-        let gain = f32::from(weight) / (f32::from(old) + f32::from(weight));
-        let moved = difference as f32 * gain;
-        // Rounded half away from zero: |moved| <= 1000, so the sum stays within the tile's range.
-        let step = if moved >= 0.0 { (moved + 0.5) as i32 } else { (moved - 0.5) as i32 };
-        self.height[index] = (i32::from(held) + step).clamp(-32_000, 32_000) as i16;
-        self.weight[index] = sum;
-        let off = (difference.unsigned_abs() >> 2).min(255) as i32;
-        let spread = i32::from(scatter) + ((off - i32::from(scatter) + 4) >> 3);
-        self.scatter[index] = spread.clamp(0, 255) as u8;
-        self.margin[index] = margin(sum, self.scatter[index], margins);
+        let (old, new) = (u32::from(self.weight[index]), u32::from(weight));
+        let sum = old + new;
+        // Half away from zero. |difference| <= 1000 and weights of 16 bits: 28 bits; and it ends between the two heights.
+        let off = difference.unsigned_abs();
+        let step = (2 * off * new + sum).checked_div(2 * sum).unwrap_or(0) as i32;
+        self.height[index] = (if difference < 0 { held - step } else { held + step }) as i16;
+        self.weight[index] = sum.min(u32::from(WEIGHT_CAP)) as u16;
+        // Between the two again: an eighth of the way.
+        let spread = scatter + (((off >> 2).min(255) as i32 - scatter + 4) >> 3);
+        self.scatter[index] = spread as u8;
+        self.margin[index] = margin(self.weight[index], spread as u8, margins);
     }
 
-    fn set(&mut self, index: usize, height: i16, weight: u16, margins: &[u8; 256]) {
+    fn set(&mut self, index: usize, height: i32, weight: u16, margins: &[u8; 256]) {
         let index = index & 255;
-        self.height[index] = height.clamp(-32_000, 32_000);
+        self.height[index] = height as i16;
         self.weight[index] = weight;
         self.scatter[index] = 0;
         self.margin[index] = margin(weight, 0, margins);
@@ -245,12 +250,10 @@ pub(crate) const TALL_CERTAIN: u8 = 2;
 
 #[inline]
 fn margin(weight: u16, scatter: u8, margins: &[u8; 256]) -> u8 {
-    let index = usize::from((weight >> 4).min(255));
-    let own = if weight < 16 { 45 } else { margins[index & 255] };
-    own.saturating_add(scatter)
+    margins[usize::from((weight >> 4).min(255)) & 255].saturating_add(scatter)
 }
 
-/// 0.7 sigma in quarter millimetres by weight / 16; never 0, which means unknown.
+/// 0.7 sigma in quarter millimetres by weight / 16; never 0, which means unknown. Below a weight of 16 it stays at 16 mm.
 pub(crate) fn margin_table() -> [u8; 256] {
     let mut table = [45; 256];
     for (index, entry) in table.iter_mut().enumerate().skip(1) {

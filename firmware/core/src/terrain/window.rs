@@ -11,7 +11,25 @@ pub(crate) struct Window<'a> {
     pub(crate) side: u16,
     /// The tile in the window's lowest corner.
     pub(crate) origin: TileKey,
+    /// The slot's column and row of the window's lowest corner.
+    corner: [u32; 2],
     placed: bool,
+}
+
+/// A tile and the eight around it.
+pub(crate) struct Neighbours<'a>([Option<&'a Tile>; 9]);
+
+impl<'a> Neighbours<'a> {
+    /// The tile `dx` towards x and `dy` towards y, each -1 to 1; none outside the window.
+    #[inline]
+    pub(crate) fn tile(&self, dx: i32, dy: i32) -> Option<&'a Tile> {
+        self.0.get((3 * dy + dx + 4) as usize).copied().flatten()
+    }
+
+    /// All nine, by rows; the tile itself is the fifth.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = Option<&'a Tile>> + '_ {
+        self.0.iter().copied()
+    }
 }
 
 impl<'a> Window<'a> {
@@ -20,7 +38,7 @@ impl<'a> Window<'a> {
         for tile in tiles.iter_mut() {
             *tile = Tile::EMPTY;
         }
-        Self { tiles, side: side.max(1), origin: TileKey::default(), placed: false }
+        Self { tiles, side: side.max(1), origin: TileKey::default(), corner: [0; 2], placed: false }
     }
 
     /// Moves the window so that `origin` is its lowest corner.
@@ -31,6 +49,8 @@ impl<'a> Window<'a> {
         self.origin = origin;
         self.placed = true;
         let side = i32::from(self.side);
+        // rem_euclid by a positive number: 0 to side - 1. The side is at least 1.
+        self.corner = [origin.x, origin.y].map(|key| key.checked_rem_euclid(side).unwrap_or(0) as u32);
         for (row, tiles) in self.tiles.chunks_mut(usize::from(self.side)).enumerate() {
             let y = key_in_window(row as i32, origin.y, side);
             for (column, tile) in tiles.iter_mut().enumerate() {
@@ -58,15 +78,23 @@ impl<'a> Window<'a> {
     #[inline]
     pub(crate) fn slot(&self, column: u32, row: u32) -> usize {
         let side = u32::from(self.side);
-        let x = wrap(column.wrapping_add(self.corner_slot(self.origin.x)), side);
-        let y = wrap(row.wrapping_add(self.corner_slot(self.origin.y)), side);
+        let x = wrap(column.wrapping_add(self.corner[0]), side);
+        let y = wrap(row.wrapping_add(self.corner[1]), side);
         (y.wrapping_mul(side).wrapping_add(x)) as usize
     }
 
-    /// The slot of the window's lowest corner along one axis.
-    pub(crate) fn corner_slot(&self, origin: i32) -> u32 {
-        // rem_euclid by a positive number: 0 to side - 1. The side is at least 1.
-        origin.checked_rem_euclid(i32::from(self.side)).unwrap_or(0) as u32
+    /// A tile and the eight around it.
+    pub(crate) fn around(&self, key: TileKey) -> Neighbours<'_> {
+        let mut all = [None; 9];
+        let mut places = all.iter_mut();
+        for dy in -1..=1 {
+            for dx in -1..=1 {
+                if let Some(place) = places.next() {
+                    *place = self.tile(TileKey { x: key.x.wrapping_add(dx), y: key.y.wrapping_add(dy) });
+                }
+            }
+        }
+        Neighbours(all)
     }
 
     /// The tile at a world position, if the window covers it.

@@ -14,11 +14,11 @@ use core::panic::PanicInfo;
 use cortex_m_rt::entry;
 use cortex_m_semihosting::{debug, hprintln, syscall};
 use crossfall_core::instrument::{Event, Survey};
-use crossfall_core::scan::{MAX_BEAMS, Points, RawScan, RollTrack, level};
+use crossfall_core::scan::{Points, RawScan, RollTrack, level};
 use crossfall_protocol::frame::{self, HostDecoder, MAX_MESSAGE_FRAME};
-use crossfall_protocol::message::{Message, Profile, Scan, ScanMode};
+use crossfall_protocol::message::{Message, Profile, Scan};
 use crossfall_protocol::ranges::{self, MAX_CODE};
-use crossfall_protocol::{Angle, Config, DeviceTime};
+use crossfall_protocol::{Angle, Config};
 use embassy_stm32::pac;
 
 const INPUT: &[u8] = b"bench.wire\0";

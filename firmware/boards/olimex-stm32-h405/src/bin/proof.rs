@@ -11,11 +11,11 @@ use core::panic::PanicInfo;
 
 use cortex_m_rt::entry;
 use crossfall_core::instrument::{Decode, Event, Identity, Survey};
-use crossfall_core::scan::{MAX_BEAMS, RawScan};
+use crossfall_core::scan::RawScan;
 use crossfall_core::sensors::lms2xx::{self, bring_up as scanner_up};
 use crossfall_core::sensors::novatel::{self, bring_up as unit_up};
 use crossfall_protocol::frame::{self, BoardDecoder, MAX_MESSAGE_FRAME, Sequencer};
-use crossfall_protocol::message::{Message, ScanMode};
+use crossfall_protocol::message::Message;
 use crossfall_protocol::ranges::MAX_CODE;
 use crossfall_protocol::{Config, DeviceTime};
 use embassy_stm32 as _;
@@ -41,12 +41,12 @@ fn main() -> ! {
     loop {
         let (byte, at): (u8, DeviceTime) = black_box((0, DeviceTime(0)));
         decode.start(at, &mut |event| stream(&mut survey, &event));
-        let heard = &mut |event: &lms2xx::Event<'_>| scanner.event(event, at, &mut |action| drop(black_box(action)));
+        let heard = &mut |event: &lms2xx::Event<'_>| scanner.event(event, at, &mut |action| _ = black_box(action));
         decode.hear_lidar(byte, at, heard, &mut |event| stream(&mut survey, &event));
-        scanner.tick(at, &mut |action| drop(black_box(action)));
-        let heard = &mut |event: &novatel::Event<'_>| unit.event(event, at, &mut |action| drop(black_box(action)));
+        scanner.tick(at, &mut |action| _ = black_box(action));
+        let heard = &mut |event: &novatel::Event<'_>| unit.event(event, at, &mut |action| _ = black_box(action));
         decode.hear_ins(byte, at, heard, &mut |event| stream(&mut survey, &event));
-        unit.tick(at, &mut |action| drop(black_box(action)));
+        unit.tick(at, &mut |action| _ = black_box(action));
         decode.pulse(at, &mut |event| stream(&mut survey, &event));
         decode.tick(at, &mut |event| stream(&mut survey, &event));
         decode.cut_lidar(&mut |event| stream(&mut survey, &event));
@@ -62,7 +62,7 @@ fn main() -> ! {
 
 /// What a board and a host do with an event: through the survey, into a frame, and back.
 fn stream(survey: &mut Survey, event: &Event<'_>) {
-    survey.take(event, &mut |profile| drop(black_box(profile)));
+    survey.take(event, &mut |profile| _ = black_box(profile));
     let (mut code, mut out) = ([0; MAX_CODE], [0; MAX_MESSAGE_FRAME]);
     let message: Message<'_> = event.message(&mut code);
     let _ = black_box(Sequencer::new().message(&message, &mut out));
