@@ -55,13 +55,12 @@ fn measure_side(samples: &mut [Sample], outward: Outward, unit_um: i32, survey: 
     side.edge = Some(Hinge { y_um: departure_um, ci95_um: 0, departure_um });
     let limits = &survey.limits;
     let (least_q14, most_q14) = (trig::slope(limits.min_slope) >> 16, trig::slope(limits.max_slope) >> 16);
-    let wanted = |rising: bool, open: bool| Wanted {
+    let wanted = |rising: bool| Wanted {
         least_q14: if rising { least_q14 - SLACK_Q14 } else { -most_q14 - SLACK_Q14 },
         most_q14: if rising { most_q14 + SLACK_Q14 } else { -least_q14 + SLACK_Q14 },
         shortest: limits.min_length_um >> GRAIN_BITS,
         longest: limits.max_length_um >> GRAIN_BITS,
         obstruction: (limits.obstruction_um >> GRAIN_BITS).clamp(1, (1 << 15) - 1),
-        open,
     };
     // The threshold hides the slope's first samples from the departure: they belong to its run.
     let from = sample::inward_of(samples, road.fit.line.place_at(departure - sample::millimetres(500)));
@@ -70,24 +69,24 @@ fn measure_side(samples: &mut [Sample], outward: Outward, unit_um: i32, survey: 
     // In a cut the slope beside the road is the one that rises from it; what lies behind its top is another matter.
     let (mut bank, mut cut) = (None, road.noise);
     if road.is_below(samples, departure) {
-        bank = slope::measure(samples, (from, start), &wanted(true, true), &mut cut);
+        bank = slope::measure(samples, (from, start), None, &wanted(true), &mut cut);
     }
     let rises = bank.is_some();
     if rises {
         noise = cut;
     } else {
-        bank = slope::measure(samples, (from, start), &wanted(false, true), &mut noise);
+        bank = slope::measure(samples, (from, start), None, &wanted(false), &mut noise);
     }
     let Some(adjacent) = bank else { return side };
     let from = adjacent.run.last + 1;
     let start = samples.get(adjacent.run.last).map_or(start, |s| s.u);
     let opposing =
-        if rises { None } else { slope::measure(samples, (from, start), &wanted(true, adjacent.clear), &mut noise) };
+        if rises { None } else { slope::measure(samples, (from, start), Some(&adjacent), &wanted(true), &mut noise) };
     let outermost = opposing.as_ref().unwrap_or(&adjacent);
     let beyond = hinge::ground_beyond(samples, outermost, &noise);
     let floor = opposing.as_ref().and_then(|opposing| hinge::ground_between(samples, &adjacent, opposing, &noise));
     let section = Section { outward, road, departure, adjacent, floor, opposing, beyond, noise };
-    section.report(&mut side, samples, &wanted(rises, true), &wanted(true, true));
+    section.report(&mut side, samples, &wanted(rises), &wanted(true));
     side
 }
 

@@ -33,8 +33,6 @@ pub struct Wanted {
     pub longest: i32,
     /// Distance from the line beyond which a sample obstructs it.
     pub obstruction: i32,
-    /// Whether nothing between the road and it hides ground: only then is it followed where it undulates.
-    pub open: bool,
 }
 
 /// A stretch of samples, both ends included.

@@ -32,14 +32,17 @@ pub struct Found {
     pub undulates: bool,
     /// Whether its ground goes on beyond its outer end and could not be followed.
     unclear: bool,
-    /// Whether nothing stands before it or hides a part of it.
-    pub clear: bool,
+    /// The sample that it was sought from, and its run counted from there.
+    from: usize,
+    part: Run,
 }
 
-/// Finds and measures the slope that is `wanted`, from sample `from` on, which is `start` outward; keeps what its residuals say about the noise.
+/// Finds and measures the slope that is `wanted`, from sample `from` on, which is `start` outward; keeps what its residuals say about the noise. `inner` is the
+/// slope before it.
 pub fn measure(
     samples: &mut [Sample],
     (from, start): (usize, i32),
+    inner: Option<&Found>,
     wanted: &Wanted,
     noise: &mut Noise,
 ) -> Option<Found> {
@@ -57,20 +60,30 @@ pub fn measure(
     let part = beyond.get_mut(run.first..=run.last)?;
     let mut fit = fit(part, 1, &found.line, shift)?;
     *noise = roughened(noise, &fit, part);
-    let clear = clear(search::up_to(beyond, &run), &fit.line, wanted.obstruction);
     let (mut undulates, mut unclear) = (false, false);
     let (inward, outward) = search::goes_on(beyond, start, &fit.line, &run);
-    if (inward || outward) && clear && wanted.open && !is_straight(beyond, (&fit, &run), wanted, noise) {
-        match further(beyond, start, &run, wanted, noise) {
-            Some((longer, along, rougher)) => {
-                undulates = true;
-                (fit, run, *noise) = (uneven(longer, &rougher), along, rougher);
+    // Ground is not followed past what stands before it.
+    let open = |found: (&Fit, &Run), from: usize| {
+        samples.get(from..).is_some_and(|part| clear(search::up_to(part, found.1), &found.0.line, wanted.obstruction))
+    };
+    if (inward || outward)
+        && open((&fit, &run), from)
+        && inner.is_none_or(|inner| open((&inner.fit, &inner.part), inner.from))
+    {
+        let beyond = samples.get_mut(from..)?;
+        if !is_straight(beyond, (&fit, &run), wanted, noise) {
+            match further(beyond, start, &run, wanted, noise) {
+                Some((longer, along, rougher)) => {
+                    undulates = true;
+                    (fit, run, *noise) = (uneven(longer, &rougher), along, rougher);
+                }
+                None => unclear = outward,
             }
-            None => unclear = outward,
         }
     }
+    let part = run;
     let run = Run { first: run.first + from, last: run.last + from, score: run.score };
-    Some(Found { fit, run, noise: *noise, undulates, unclear, clear })
+    Some(Found { fit, run, noise: *noise, undulates, unclear, from, part })
 }
 
 /// The gate in which undulating ground is followed.
