@@ -12,12 +12,10 @@
 //! cross slope is not known to better than roads are built, and the offset's uncertainty says so. Rock tests on one spot in
 //! opposite directions need no level ground: [`join`] tells the ground's tilt from the scanner's.
 //!
-//! Standard errors allow for errors that last. Those of the delay are by Newey and West (1987) over one second. The unit's roll drifts over
-//! minutes, and a record of one minute cannot tell by itself how much of that its mean holds (an autoregression fitted to it finds a third of
-//! it). What is known is the published accuracy, which is the sum of what moved within the record and of what its mean holds: so the first is taken
-//! from the record and the rest is the offset's error. Held against simulated drifts of 3 s to infinity, 94 to 99 % of the
-//! 95 % intervals hold (`tests/tests/calibration.rs`).
+//! Standard errors allow for errors that last: those of the delay by Newey and West (1987) over one second, that of the offset by a
+//! model of the unit's drift whose memory is unknown ([`drift`]).
 
+mod drift;
 mod estimate;
 mod ground;
 mod join;

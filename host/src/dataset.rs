@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 
+use crate::drive::ReadError;
 use crate::intervals::{Every, Gather};
 use crate::output::{self, Output};
 use crate::profiles::{Row, Rows};
@@ -36,6 +37,9 @@ pub enum Error {
         /// Why.
         source: table::Error,
     },
+    /// What the table's rows come from cannot be read to its end.
+    #[error(transparent)]
+    Drive(#[from] ReadError),
     /// The user asked to stop.
     #[error("interrupted")]
     Interrupted,
@@ -76,13 +80,28 @@ pub fn write(
     progress: impl FnMut(u64) + Send,
 ) -> Result<Written, Error> {
     let rows = Rows::open(log)?;
+    let (written, damage) = write_from(every, format, to, |sink| Ok(read(rows, progress, sink)))?;
+    Ok(Written { damage, ..written })
+}
+
+/// Writes the table of rows that somebody else makes, whole or not at all; gives back what they say in the end.
+///
+/// # Errors
+/// When the rows do not come to their end, the file cannot be written, and when the user asks to stop.
+pub fn write_from<T: Send>(
+    every: Option<Every>,
+    format: Format,
+    to: &Path,
+    make: impl FnOnce(&mut RowSink) -> Result<T, ReadError> + Send,
+) -> Result<(Written, T), Error> {
     let output = Output::create(to)?;
-    let (output, written) = stream(rows, every, format, output, progress).map_err(|error| match error {
+    let (output, written, made) = tabulate(every, format, output, make).map_err(|error| match error {
         Stopped::Table(source) => Error::Table { path: to.to_path_buf(), source },
         Stopped::Interrupted => Error::Interrupted,
     })?;
+    let made = made?;
     output.commit()?;
-    Ok(Written { path: to.to_path_buf(), ..written })
+    Ok((Written { path: to.to_path_buf(), ..written }, made))
 }
 
 /// Why a table ended early.
@@ -107,21 +126,71 @@ pub fn stream<W: std::io::Write + Send>(
     out: W,
     progress: impl FnMut(u64) + Send,
 ) -> Result<(W, Written), Stopped> {
+    let (out, written, damage) = tabulate(every, format, out, |sink| read(rows, progress, sink))?;
+    Ok((out, Written { damage, ..written }))
+}
+
+/// Gives all rows of a log to a table; tells the damage passed.
+fn read(mut rows: Rows, mut progress: impl FnMut(u64), sink: &mut RowSink) -> u64 {
+    let mut read = 0_u64;
+    while let Some(row) = rows.next() {
+        read += 1;
+        if read.is_multiple_of(BATCH as u64) {
+            progress(rows.offset());
+        }
+        // Nobody takes rows any more once writing has failed.
+        if !sink.push(row) {
+            break;
+        }
+    }
+    rows.damage()
+}
+
+/// Rows that change hands at a time, and how many times that may wait.
+const BATCH: usize = 2_048;
+const WAITING: usize = 4;
+
+/// Takes rows for a table that is written on another thread.
+#[derive(Debug)]
+pub struct RowSink {
+    batch: Vec<Row>,
+    sender: mpsc::SyncSender<Vec<Row>>,
+}
+
+impl RowSink {
+    /// Takes a row; false when nobody wants any more.
+    pub fn push(&mut self, row: Row) -> bool {
+        self.batch.push(row);
+        self.batch.len() < BATCH || self.hand_over()
+    }
+
+    fn hand_over(&mut self) -> bool {
+        self.sender.send(std::mem::replace(&mut self.batch, Vec::with_capacity(BATCH))).is_ok()
+    }
+}
+
+/// Writes a table of the rows that `make` pushes on a thread of its own.
+fn tabulate<W: std::io::Write + Send, T: Send>(
+    every: Option<Every>,
+    format: Format,
+    out: W,
+    make: impl FnOnce(&mut RowSink) -> T + Send,
+) -> Result<(W, Written, T), Stopped> {
     let mut count = 0;
     let mut unplaced = 0;
-    let (out, damage) = match every {
+    let (out, made) = match every {
         None => {
             let mut table = Table::new(format, out)?;
-            let damage = read_beside(rows, progress, |row| {
+            let made = beside(make, |row| {
                 count += 1;
                 table.row(row)
             })?;
-            (table.finish()?, damage)
+            (table.finish()?, made)
         }
         Some(every) => {
             let mut table = Table::new(format, out)?;
             let mut gather = Gather::new(every);
-            let damage = read_beside(rows, progress, |row| match gather.row(row) {
+            let made = beside(make, |row| match gather.row(row) {
                 Some(stretch) => {
                     count += 1;
                     table.row(&stretch)
@@ -133,32 +202,24 @@ pub fn stream<W: std::io::Write + Send>(
                 table.row(&stretch)?;
             }
             unplaced = gather.unplaced();
-            (table.finish()?, damage)
+            (table.finish()?, made)
         }
     };
-    Ok((out, Written { path: PathBuf::new(), rows: Some(count), damage, unplaced }))
+    Ok((out, Written { path: PathBuf::new(), rows: Some(count), damage: 0, unplaced }, made))
 }
 
-/// Reads rows on a thread of their own and gives them to `take`; tells the damage passed.
-fn read_beside(
-    mut rows: Rows,
-    mut progress: impl FnMut(u64) + Send,
+/// Makes rows on a thread of their own and gives them to `take`.
+fn beside<T: Send>(
+    make: impl FnOnce(&mut RowSink) -> T + Send,
     mut take: impl FnMut(&Row) -> Result<(), table::Error>,
-) -> Result<u64, Stopped> {
-    /// Rows that change hands at a time, and how many times that may wait.
-    const BATCH: usize = 2_048;
-    const WAITING: usize = 4;
+) -> Result<T, Stopped> {
     std::thread::scope(|scope| {
         let (sender, receiver) = mpsc::sync_channel::<Vec<Row>>(WAITING);
-        let reader = scope.spawn(move || {
-            loop {
-                let batch: Vec<Row> = rows.by_ref().take(BATCH).collect();
-                progress(rows.offset());
-                // Nobody takes rows any more once writing has failed.
-                if batch.is_empty() || sender.send(batch).is_err() {
-                    return rows.damage();
-                }
-            }
+        let maker = scope.spawn(move || {
+            let mut sink = RowSink { batch: Vec::with_capacity(BATCH), sender };
+            let made = make(&mut sink);
+            sink.hand_over();
+            made
         });
         for batch in &receiver {
             if interrupt::requested() {
@@ -169,8 +230,8 @@ fn read_beside(
             }
         }
         drop(receiver);
-        // A panic of the reader is this thread's as well.
-        Ok(reader.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+        // A panic of the maker is this thread's as well.
+        Ok(maker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
     })
 }
 

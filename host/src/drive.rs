@@ -6,12 +6,12 @@
 use std::path::Path;
 
 use crossfall_core::protocol::Config;
-use crossfall_core::protocol::message::{Message, PulseVerdict, Session, Status, flags};
+use crossfall_core::protocol::message::{Message, Profile, PulseVerdict, Session, Status, flags};
 
 use crate::container::Error;
 use crate::geodesy::Geodetic;
 use crate::interrupt;
-use crate::profiles::{degrees, host_flags, sides};
+use crate::profiles::{Row, SlopeRow, degrees, host_flags, sides};
 use crate::section::Section;
 use crate::walk::Walk;
 
@@ -111,63 +111,92 @@ impl Drive {
     ///
     /// # Errors
     /// When the log cannot be read at all, or the user asks to stop.
-    pub fn read(log: &Path, mut progress: impl FnMut(u64)) -> Result<Self, ReadError> {
+    pub fn read(log: &Path, progress: impl FnMut(u64)) -> Result<Self, ReadError> {
+        Self::read_with(log, progress, |_| ())
+    }
+
+    /// [`Drive::read`], and gives the rows of the table of profiles on the way to `also`, as [`Rows`](crate::profiles::Rows) does.
+    ///
+    /// # Errors
+    /// As of [`Drive::read`].
+    pub fn read_with(
+        log: &Path,
+        mut progress: impl FnMut(u64),
+        mut also: impl FnMut([Row; 2]),
+    ) -> Result<Self, ReadError> {
         let mut walk = Walk::open(log)?;
-        let mut drive = Self {
-            scans: Vec::new(),
-            sections: Vec::new(),
-            health: Health::default(),
-            config: Config::default(),
-            identity: None,
-            gps_week: None,
-        };
+        let mut drive = Self::default();
         let mut spacing = 1;
-        loop {
-            let (health, config, identity) = (&mut drive.health, &mut drive.config, &mut drive.identity);
-            let Some(step) = walk.next(|message, _| note(message, health, config, identity)) else { break };
-            let position = step.position;
-            let [left, right] = sides(&step.profile, position);
-            let flags = left.flags | right.flags;
-            let pair = |slope: Option<crate::profiles::SlopeRow>| {
-                slope
-                    .map_or((f32::NAN, f32::NAN), |s| (s.slope_deg as f32, s.ci95_deg.map_or(f32::NAN, |ci| ci as f32)))
+        while let Some(step) = walk.next(|message, track| {
+            let Message::Profile(profile) = message else {
+                drive.note(message);
+                return false;
             };
-            let number = drive.scans.len();
-            drive.gps_week = drive.gps_week.or(position.gps.map(|(week, _)| week));
-            drive.scans.push(Scan {
-                number: step.profile.scan,
-                gps_seconds: position.gps.map_or(f64::NAN, |(_, seconds)| seconds),
-                station_m: position.station_m.unwrap_or(f64::NAN),
-                place: position.geodetic.unwrap_or([f64::NAN; 3]),
-                roll_deg: degrees(step.profile.roll) as f32,
-                slopes: [pair(left.adjacent), pair(left.opposing), pair(right.adjacent), pair(right.opposing)],
-                edges_m: [left.edge_y_m, right.edge_y_m].map(|edge| edge.map_or(f32::NAN, |edge| edge as f32)),
-                flags,
-            });
-            for (bit, count) in drive.health.flagged.iter_mut().enumerate() {
-                *count += u64::from(flags >> bit & 1);
+            let rows = sides(profile, track.at(profile.time));
+            drive.add(profile, &rows);
+            also(rows);
+            (drive.scans.len() - 1).is_multiple_of(spacing)
+        }) {
+            drive.sections.push(Kept { scan: drive.scans.len() - 1, section: step.section() });
+            if drive.sections.len() > SECTIONS {
+                let mut keep = false;
+                drive.sections.retain(|_| {
+                    keep = !keep;
+                    keep
+                });
+                spacing *= 2;
             }
-            if number.is_multiple_of(spacing) {
-                drive.sections.push(Kept { scan: number, section: step.section() });
-                if drive.sections.len() > SECTIONS {
-                    let mut keep = false;
-                    drive.sections.retain(|_| {
-                        keep = !keep;
-                        keep
-                    });
-                    spacing *= 2;
-                }
-            }
-            if number.is_multiple_of(1_024) {
-                progress(walk.offset());
-                if interrupt::requested() {
-                    return Err(ReadError::Interrupted);
-                }
+            progress(walk.offset());
+            if interrupt::requested() {
+                return Err(ReadError::Interrupted);
             }
         }
         drive.health.damage = walk.damage();
         drive.health.unmatched = walk.unmatched();
         Ok(drive)
+    }
+
+    fn add(&mut self, profile: &Profile, [left, right]: &[Row; 2]) {
+        let position = left.position;
+        let flags = left.flags | right.flags;
+        let pair = |slope: Option<SlopeRow>| {
+            slope.map_or((f32::NAN, f32::NAN), |s| (s.slope_deg as f32, s.ci95_deg.map_or(f32::NAN, |ci| ci as f32)))
+        };
+        self.gps_week = self.gps_week.or(position.gps.map(|(week, _)| week));
+        self.scans.push(Scan {
+            number: profile.scan,
+            gps_seconds: position.gps.map_or(f64::NAN, |(_, seconds)| seconds),
+            station_m: position.station_m.unwrap_or(f64::NAN),
+            place: position.geodetic.unwrap_or([f64::NAN; 3]),
+            roll_deg: degrees(profile.roll) as f32,
+            slopes: [pair(left.adjacent), pair(left.opposing), pair(right.adjacent), pair(right.opposing)],
+            edges_m: [left.edge_y_m, right.edge_y_m].map(|edge| edge.map_or(f32::NAN, |edge| edge as f32)),
+            flags,
+        });
+        for (bit, count) in self.health.flagged.iter_mut().enumerate() {
+            *count += u64::from(flags >> bit & 1);
+        }
+    }
+
+    fn note(&mut self, message: &Message<'_>) {
+        let health = &mut self.health;
+        match message {
+            Message::Hello(hello) => self.identity = Some((hello.firmware.to_owned(), hello.board.to_owned())),
+            Message::Config(now) => self.config = *now,
+            Message::Session(Session::Started(_)) => health.boots += 1,
+            Message::Pose(pose) => {
+                health.poses += 1;
+                health.poses_by_pulse += u64::from(pose.timed_by_pulse);
+                health.poses_good += u64::from(pose.status == 3);
+            }
+            Message::Pulse(pulse) => match pulse.verdict {
+                PulseVerdict::Spurious => health.pulses_spurious += 1,
+                PulseVerdict::Accepted | PulseVerdict::Restarted => health.pulses += 1,
+            },
+            Message::Clock(clock) => health.drift_ppm = Some(f64::from(clock.drift) / 4_294.967_296),
+            Message::Status(status) => health.status = *status,
+            _ => {}
+        }
     }
 
     /// First and last station, where there are any.
@@ -206,24 +235,4 @@ impl Drive {
         (host_flags::NO_POSITION, "without a position"),
         (host_flags::STATION_ESTIMATED, "with an estimated station"),
     ];
-}
-
-fn note(message: &Message<'_>, health: &mut Health, config: &mut Config, identity: &mut Option<(String, String)>) {
-    match message {
-        Message::Hello(hello) => *identity = Some((hello.firmware.to_owned(), hello.board.to_owned())),
-        Message::Config(now) => *config = *now,
-        Message::Session(Session::Started(_)) => health.boots += 1,
-        Message::Pose(pose) => {
-            health.poses += 1;
-            health.poses_by_pulse += u64::from(pose.timed_by_pulse);
-            health.poses_good += u64::from(pose.status == 3);
-        }
-        Message::Pulse(pulse) => match pulse.verdict {
-            PulseVerdict::Spurious => health.pulses_spurious += 1,
-            PulseVerdict::Accepted | PulseVerdict::Restarted => health.pulses += 1,
-        },
-        Message::Clock(clock) => health.drift_ppm = Some(f64::from(clock.drift) / 4_294.967_296),
-        Message::Status(status) => health.status = *status,
-        _ => {}
-    }
 }

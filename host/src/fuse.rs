@@ -201,6 +201,99 @@ mod tests {
         }
     }
 
+    fn estimate(value: f64, ci95: f64) -> Estimate {
+        Estimate { value, ci95, sd: 0.1, count: 10 }
+    }
+
+    #[test]
+    fn the_rule_takes_the_narrower_interval_and_of_equal_ones_the_nearer() {
+        let (narrow, wide) = (estimate(-8.0, 0.05), estimate(-7.0, 0.2));
+        for near_first in [false, true] {
+            let better = |first, second| Both { first, second, near_first }.better();
+            assert_eq!(better(Some(narrow), Some(wide)), Some((narrow, 1)));
+            assert_eq!(better(Some(wide), Some(narrow)), Some((narrow, 2)));
+            assert_eq!(better(Some(wide), None), Some((wide, 1)));
+            assert_eq!(better(None, Some(wide)), Some((wide, 2)));
+            assert_eq!(better(None, None), None);
+            let same = estimate(-6.0, 0.05);
+            let expected = if near_first { (narrow, 1) } else { (same, 2) };
+            assert_eq!(better(Some(narrow), Some(same)), Some(expected));
+        }
+    }
+
+    /// A drive round a bend of 300 m, on one carriageway or back on the other, 16 m further out; the slopes of the median change along the road.
+    fn bend(there: bool, metres: std::ops::Range<u32>) -> Drive {
+        const RADIUS_M: f64 = 300.0;
+        let start = [40.8, -77.86, 350.0];
+        let (near, far) = (|along: f64| -8.0 - along / 100.0, |along: f64| 7.0 - along / 200.0);
+        let radius = if there { RADIUS_M } else { RADIUS_M - 16.0 };
+        let count = metres.len() as u32;
+        let scans = (0..count).map(|i| {
+            let along = f64::from(if there { metres.start + i } else { metres.end - 1 - i });
+            // Along the first drive's line; the bend is to the left, and the other carriageway on its inside.
+            let turned = along / RADIUS_M;
+            let place = shifted(start, [radius * turned.sin(), RADIUS_M - radius * turned.cos(), 0.0]);
+            let slopes = match there {
+                true => [(near(along) as f32, 0.05), (far(along) as f32, 0.3)],
+                // Its own slope is the far one of the first, and what fell from there rises from here.
+                false => [(-far(along) as f32, 0.05), (-near(along) as f32 + 0.2, 0.3)],
+            };
+            let none = (f32::NAN, f32::NAN);
+            Scan {
+                number: i,
+                gps_seconds: f64::from(i),
+                station_m: f64::from(i) * radius / RADIUS_M,
+                place,
+                roll_deg: 0.0,
+                slopes: [slopes[0], slopes[1], none, none],
+                edges_m: [f32::NAN; 2],
+                flags: 0,
+            }
+        });
+        Drive { scans: scans.collect(), ..Drive::default() }
+    }
+
+    #[test]
+    fn drives_are_joined_by_where_they_were_round_a_bend() {
+        let fused = fuse(&bend(true, 0..400), &bend(false, 0..400), Every { metres: 20.0 }).unwrap();
+        assert_eq!(fused.len(), 20);
+        for stretch in &fused {
+            let middle = f64::midpoint(stretch.from_m, stretch.to_m);
+            let (adjacent, from) = stretch.adjacent.better().unwrap();
+            assert!((adjacent.value - (-8.0 - middle / 100.0)).abs() < 0.03 && from == 1, "{stretch:?}");
+            let (opposing, from) = stretch.opposing.better().unwrap();
+            // Two metres off the place at most: a station found is good to that.
+            assert!((opposing.value - (7.0 - middle / 200.0)).abs() < 0.03 && from == 2, "{stretch:?}");
+            let [near, far] =
+                [stretch.adjacent, stretch.opposing].map(|both| both.second.unwrap().value - both.first.unwrap().value);
+            assert!((near + 0.2).abs() < 0.03 && far.abs() < 0.03, "{near} {far}");
+        }
+        let mut cells = Vec::new();
+        fused[3].cells(&mut cells);
+        assert_eq!(cells.len(), Fused::COLUMNS.len());
+        assert_eq!((&cells[7], &cells[11]), (&Value::Integer(1), &Value::Integer(2)));
+    }
+
+    #[test]
+    fn where_one_drive_was_not_the_other_speaks_alone() {
+        let (whole, part) = (bend(true, 0..400), bend(false, 102..198));
+        let fused = fuse(&whole, &part, Every { metres: 20.0 }).unwrap();
+        for stretch in &fused {
+            let both = (99.0..181.0).contains(&stretch.from_m);
+            assert_eq!(stretch.opposing.second.is_some(), both, "{stretch:?}");
+            assert_eq!(stretch.opposing.better().map(|(_, from)| from), Some(if both { 2 } else { 1 }));
+        }
+        // Never near, or nowhere at all.
+        let mut elsewhere = bend(false, 0..400);
+        elsewhere.scans.iter_mut().for_each(|scan| scan.place[0] += 0.01);
+        assert!(fuse(&whole, &elsewhere, Every { metres: 20.0 }).is_none());
+        let mut nowhere = bend(true, 0..400);
+        nowhere.scans.iter_mut().for_each(|scan| scan.place = [f64::NAN; 3]);
+        assert!(fuse(&nowhere, &part, Every { metres: 20.0 }).is_none());
+        assert!(fuse(&whole, &nowhere, Every { metres: 20.0 }).is_none());
+        assert!(fuse(&Drive::default(), &part, Every { metres: 20.0 }).is_none());
+    }
+
     #[test]
     fn a_second_drive_the_same_way_measures_the_same_slopes() {
         let fused = fuse(

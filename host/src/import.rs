@@ -1,17 +1,18 @@
 //! Raw serial dumps to captures.
 //!
 //! A dump is the bytes alone; their times are made up from what the sensors say of themselves. A scan comes a period of its own kind after the one
-//! before (26.64 ms at half a degree), further if the telegram index tells of lost ones. A frame of the inertial unit comes as
+//! before (26.64 ms at half a degree), further if the telegram index tells of lost ones; an LMS 1xx or 5xx says when it sent each. A frame of the inertial unit comes as
 //! much later as its header's GPS time says. Both dumps are taken to begin together. What lies between frames goes with the frame before
 //! it: every byte is kept, in its order. Both dumps are in memory at once.
 
 use crossfall_core::protocol::DeviceTime;
 use crossfall_core::protocol::message::LineCounters;
 use crossfall_core::scan::TURN_US;
-use crossfall_core::sensors::{lms2xx, novatel};
+use crossfall_core::sensors::{Scanner, cola, lms2xx, novatel};
 
 use crate::capture::{Channel, Writer};
 use crate::output;
+use crate::scanner::{ETHERNET_BAUD, Family};
 
 /// Device time of the first scan and of the first GPS time, in microseconds.
 const BEGIN_US: u64 = 1_000_000;
@@ -29,6 +30,8 @@ const INS_BAUD: u64 = 115_200;
 /// What was found in a scanner's dump.
 #[derive(Clone, Debug, Default)]
 pub struct Lidar {
+    /// The scanners whose language it is.
+    pub family: Family,
     /// Counters of the decoder.
     pub line: LineCounters,
     /// Scans (B0).
@@ -71,7 +74,11 @@ pub fn import(
     measuring_mode: u8,
     capture: &mut Writer,
 ) -> Result<(Option<Lidar>, Option<Ins>), output::Error> {
-    let (lidar_stretches, found_lidar) = lidar.map(|bytes| place_lidar(bytes, measuring_mode)).unzip();
+    let place = |bytes: &[u8]| match Family::of(bytes) {
+        Family::Lms2xx => place_lidar(bytes, measuring_mode),
+        Family::Cola => place_cola(bytes),
+    };
+    let (lidar_stretches, found_lidar) = lidar.map(place).unzip();
     let (ins_stretches, found_ins) = ins.map(place_ins).unzip();
     let mut lidar_stretches = lidar_stretches.unwrap_or_default().into_iter().peekable();
     let mut ins_stretches = ins_stretches.unwrap_or_default().into_iter().peekable();
@@ -138,6 +145,34 @@ fn place_lidar(bytes: &[u8], measuring_mode: u8) -> (Vec<Stretch>, Lidar) {
         found.seconds = (last.1 - first.1) as f64 * 1e-6;
     }
     (cut(bytes.len(), &starts, LIDAR_BAUD), found)
+}
+
+/// Telegrams that say when they were sent.
+fn place_cola(bytes: &[u8]) -> (Vec<Stretch>, Lidar) {
+    let mut decoder = cola::Decoder::default();
+    let mut found = Lidar { family: Family::Cola, ..Lidar::default() };
+    let mut starts: Vec<(usize, u64)> = Vec::new();
+    let mut sent: Option<u32> = None;
+    let mut place = |event: cola::Event<'_>| match event {
+        cola::Event::Scan { arrival, sent_us, .. } => {
+            let since_us = sent.replace(sent_us).map_or(0, |before| u64::from(sent_us.wrapping_sub(before)));
+            let last_us = starts.last().map_or(BEGIN_US, |&(_, at_us)| at_us);
+            // A clock that jumps is a scanner that was started anew: it goes on where the line is.
+            let step_us = if since_us <= LONGEST_STEP_US as u64 { since_us } else { 0 };
+            starts.push((arrival.0 as usize, last_us + step_us));
+        }
+        cola::Event::Other(_) => found.replies += 1,
+    };
+    for (at, &byte) in bytes.iter().enumerate() {
+        decoder.push(byte, DeviceTime(at as u64), &mut place);
+    }
+    decoder.finish(&mut place);
+    found.line = decoder.counters();
+    (found.scans, found.missing) = (decoder.scans(), decoder.scans_missing());
+    if let (Some(first), Some(last)) = (starts.first(), starts.last()) {
+        found.seconds = (last.1 - first.1) as f64 * 1e-6;
+    }
+    (cut(bytes.len(), &starts, u64::from(ETHERNET_BAUD)), found)
 }
 
 fn place_ins(bytes: &[u8]) -> (Vec<Stretch>, Ins) {

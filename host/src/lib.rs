@@ -102,6 +102,7 @@ pub mod replay;
 pub mod report;
 pub mod reproduce;
 pub mod run;
+pub mod scanner;
 pub mod section;
 pub mod serve;
 pub mod simulate;

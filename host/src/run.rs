@@ -11,8 +11,10 @@ use crossfall_core::protocol::frame::{MAX_MESSAGE_FRAME, Sequencer};
 use crossfall_core::protocol::message::{Message, Status};
 use crossfall_core::protocol::ranges::MAX_CODE;
 use crossfall_core::protocol::{Config, DeviceTime, schema};
+use crossfall_core::sensors::{Scanner, cola};
 
 use crate::capture::{self, Channel, Chunk};
+use crate::scanner::{self, Family};
 use crate::{container, log, output};
 
 /// Bytes that may wait for their turn: capture chunks that claim to overlap by more are taken as they come.
@@ -46,6 +48,8 @@ pub struct Summary {
     pub damage: Vec<String>,
     /// Whether it was asked to stop early.
     pub interrupted: bool,
+    /// The scanners whose language was heard.
+    pub family: Family,
 }
 
 /// Who the core says it is when it runs in process.
@@ -77,11 +81,34 @@ pub fn run_over(
     first_ns: u64,
     config: &Config,
     log: &mut log::Writer,
+    progress: impl FnMut(u64),
+) -> Result<Summary, Error> {
+    let (family, chunks) = scanner::of_chunks(chunks);
+    let mut wires = Wires::new(config);
+    let mut summary = match family {
+        Family::Lms2xx => {
+            run_through(Instrument::new(*config, identity()), wires, chunks, first_ns, config, log, progress)?
+        }
+        Family::Cola => {
+            wires.lidar = Wire::new(scanner::ETHERNET_BAUD);
+            let instrument = Instrument::with_scanner(cola::Decoder::default(), *config, identity());
+            run_through(instrument, wires, chunks, first_ns, config, log, progress)?
+        }
+    };
+    summary.family = family;
+    Ok(summary)
+}
+
+fn run_through<S: Scanner>(
+    mut instrument: Instrument<S>,
+    mut wires: Wires,
+    chunks: impl Iterator<Item = Result<Chunk, container::Error>>,
+    first_ns: u64,
+    config: &Config,
+    log: &mut log::Writer,
     mut progress: impl FnMut(u64),
 ) -> Result<Summary, Error> {
     let mut link = Link { log, sequencer: Sequencer::new(), summary: Summary::default(), now_ns: 0, failed: None };
-    let mut instrument = Instrument::new(*config, identity());
-    let mut wires = Wires::new(config);
     link.describe(config)?;
     link.now_ns = first_ns;
     let mut now_ns = first_ns;
@@ -197,10 +224,10 @@ impl Wires {
 
     /// Lets everything happen that happens before `until_ns`, in the order of time; of simultaneous things the pulse comes first.
     /// `now_ns` follows; `send` gets it with every event.
-    pub(crate) fn deliver(
+    pub(crate) fn deliver<S: Scanner>(
         &mut self,
         until_ns: Option<u64>,
-        instrument: &mut Instrument,
+        instrument: &mut Instrument<S>,
         now_ns: &mut u64,
         send: &mut impl FnMut(u64, Event<'_>),
     ) {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crossfall_core::protocol::message::{Profile, Side, Slope};
+use crossfall_core::protocol::message::{Message, Profile, Side, Slope};
 
 use crate::container::Error;
 use crate::profiles::degrees;
@@ -144,12 +144,8 @@ pub fn local_slopes(points: &[Place], window_m: f64) -> Vec<(f64, f64)> {
 /// When the file cannot be read or is no log.
 pub fn of_scan(path: &Path, number: u32) -> Result<Option<Section>, Error> {
     let mut walk = Walk::open(path)?;
-    while let Some(step) = walk.next(|_, _| ()) {
-        if step.profile.scan == number {
-            return Ok(Some(step.section()));
-        }
-    }
-    Ok(None)
+    let wanted = |message: &Message<'_>| matches!(message, Message::Profile(profile) if profile.scan == number);
+    Ok(walk.next(|message, _| wanted(message)).map(|step| step.section()))
 }
 
 #[cfg(test)]

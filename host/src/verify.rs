@@ -4,7 +4,10 @@
 //! and must say again what the board said. After a gap they lack what was lost, so until their histories are full of what came after it a
 //! different answer proves nothing: such profiles count as unverifiable, not as wrong. A log that begins with anything but the hello of a boot begins
 //! with a gap: the board was at work before. The memory used does not grow with the log.
+//!
+//! Reading and decoding run beside the survey, each on a thread of its own ([`beside`]).
 
+mod beside;
 mod replay;
 mod times;
 
@@ -12,13 +15,13 @@ use std::path::{Path, PathBuf};
 
 use crossfall_core::protocol::frame::Gap;
 use crossfall_core::protocol::message::Message;
-use crossfall_core::protocol::schema;
+use crossfall_core::protocol::{Config, schema};
 use serde::Serialize;
 
 use crate::container::Error;
 use crate::log::metadata;
 use crate::stream::{Item, Place, Stream};
-use replay::Replay;
+use beside::{Beside, Verdict};
 use times::Times;
 
 /// Problems kept in words; the rest are counted.
@@ -90,7 +93,27 @@ pub fn verify_all(first: &Path, others: &[PathBuf], mut progress: impl FnMut(usi
     let known = stream.metadata().get(metadata::CONFIG).and_then(|entries| entries.get("toml"));
     let known = known.and_then(|toml| crate::config::parse(first, toml).ok());
     let mut report = Report::default();
-    let mut replay = Replay::default();
+    std::thread::scope(|scope| {
+        let mut replay = Beside::start(scope);
+        read(&mut stream, &mut replay, known.as_ref(), &name, &mut progress, &mut report);
+        let (told, verdict) = replay.finish();
+        report.join(told, &name);
+        let Verdict { reproduced, unverifiable, joined } = verdict;
+        (report.profiles_reproduced, report.profiles_unverifiable) = (reproduced, unverifiable);
+        report.ok = report.problem_count == 0 && reproduced + joined == report.profiles;
+    });
+    Ok(report)
+}
+
+/// Reads the whole stream: what is wrong with its frames and times goes to the report, all else to the second survey.
+fn read(
+    stream: &mut Stream,
+    replay: &mut Beside<'_>,
+    known: Option<&Config>,
+    name: &impl Fn(usize) -> Option<PathBuf>,
+    progress: &mut impl FnMut(usize, u64),
+    report: &mut Report,
+) {
     let mut times = Times::default();
     let mut unknown_schema = false;
     let mut beginning = true;
@@ -98,9 +121,10 @@ pub fn verify_all(first: &Path, others: &[PathBuf], mut progress: impl FnMut(usi
     while let Some((place, item)) = stream.next() {
         progress(place.file, place.offset);
         if std::mem::take(&mut beginning) && !is_boot(place, &item) {
-            replay.begin_midway(known.as_ref());
+            replay.begin_midway(known);
         }
         last = place;
+        replay.at(place);
         let mut problems = Vec::new();
         match item {
             Item::Damage(error) => {
@@ -142,7 +166,7 @@ pub fn verify_all(first: &Path, others: &[PathBuf], mut progress: impl FnMut(usi
                     _ => {}
                 }
                 if !unknown_schema {
-                    replay.take(&message, &mut problems);
+                    replay.take(&message);
                 }
             }
         }
@@ -150,19 +174,13 @@ pub fn verify_all(first: &Path, others: &[PathBuf], mut progress: impl FnMut(usi
             report.note(name(place.file), place, what);
         }
     }
-    if let Some(what) = replay.finish() {
-        report.note(name(last.file), last, what);
-    }
+    replay.at(last);
     report.frames = stream.frames();
     report.missing_frames = stream.missing();
-    report.profiles_reproduced = replay.reproduced;
-    report.profiles_unverifiable = replay.unverifiable;
     report.seconds = times.seconds();
     if report.frames == 0 {
         report.note(name(last.file), last, "the log holds no frame".to_owned());
     }
-    report.ok = report.problem_count == 0 && report.profiles_reproduced + replay.joined == report.profiles;
-    Ok(report)
 }
 
 impl Report {
@@ -171,6 +189,22 @@ impl Report {
         if self.problems.len() < KEPT {
             self.problems.push(Problem { file, frame: place.frame, offset: place.offset, what });
         }
+    }
+
+    /// Takes in what the second survey told, in the order of the log. Of either list the first thousand are there, and so they are of both.
+    fn join(&mut self, told: beside::Told, name: &impl Fn(usize) -> Option<PathBuf>) {
+        self.problem_count += told.count;
+        let ours = std::mem::take(&mut self.problems).into_iter();
+        let theirs = told.problems.into_iter().map(|(place, what)| Problem {
+            file: name(place.file),
+            frame: place.frame,
+            offset: place.offset,
+            what,
+        });
+        self.problems = ours.chain(theirs).collect();
+        // Stable: what is wrong with a frame itself stands before what follows from it.
+        self.problems.sort_by_key(|problem| problem.frame);
+        self.problems.truncate(KEPT);
     }
 }
 

@@ -1,6 +1,7 @@
 //! A log walked profile by profile, each with the scan that it was made from and the vehicle's pose: what clouds, sections and exports need.
 //!
-//! Memory is bounded: the scans that may still wait for their profile ([`WAITING`]) and the recent poses.
+//! Memory is bounded: the scans that may still wait for their profile ([`WAITING`]) and the recent poses. Scans are kept as they were sent, and
+//! decoded when somebody wants the profile that was made from them: a report looks at one section in a thousand of a long drive.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -8,7 +9,7 @@ use std::path::Path;
 use crossfall_core::attitude::History;
 use crossfall_core::instrument::{Event, WAITING};
 use crossfall_core::protocol::frame::Gap;
-use crossfall_core::protocol::message::{Message, Profile, Session};
+use crossfall_core::protocol::message::{Message, Profile, Scan, Session};
 use crossfall_core::protocol::{Angle, Config};
 use crossfall_core::scan::{Points, RawScan, RollTrack, level};
 
@@ -24,11 +25,18 @@ pub struct Walk {
     history: History,
     track: Track,
     config: Config,
-    recent: VecDeque<RawScan>,
+    recent: VecDeque<Held>,
     room: RawScan,
     damage: u64,
     unmatched: u64,
     offset: u64,
+}
+
+/// A scan as it was sent, its ranges still in their code.
+#[derive(Debug)]
+struct Held {
+    header: Scan<'static>,
+    code: Vec<u8>,
 }
 
 /// A profile and what it was made from.
@@ -83,9 +91,10 @@ impl Walk {
         self.offset
     }
 
-    /// The next profile; `see` is shown every message on the way, the profile's own included.
-    pub fn next(&mut self, mut see: impl FnMut(&Message<'_>, &Track)) -> Option<Step<'_>> {
-        let (profile, place) = loop {
+    /// The next profile that is wanted. `see` is shown every message on the way, the profile's own included, and says of a profile whether it is
+    /// wanted; what it says of other messages does not matter.
+    pub fn next(&mut self, mut see: impl FnMut(&Message<'_>, &Track) -> bool) -> Option<Step<'_>> {
+        let profile = loop {
             let (place, item) = self.stream.next()?;
             self.offset = place.offset;
             let Item::Message { message, gap } = item else {
@@ -112,30 +121,38 @@ impl Walk {
                 }
                 Message::Clock(clock) => self.track.clock(&clock),
                 Message::Session(Session::Started(_)) => self.history.clear(),
-                Message::Scan(_) => match Event::of(&message, &mut self.room) {
-                    Ok(Event::Scan(scan)) => {
-                        if self.recent.len() > WAITING {
-                            self.recent.pop_front();
-                        }
-                        self.recent.push_back(scan.clone());
-                    }
-                    Ok(Event::Message(_)) => {}
-                    Err(_) => self.damage += 1,
-                },
+                Message::Scan(scan) => hold(&mut self.recent, &scan),
                 _ => {}
             }
-            see(&message, &self.track);
+            let wanted = see(&message, &self.track);
             if let Message::Profile(profile) = message {
-                match self.recent.iter().position(|scan| scan.index == profile.scan) {
-                    Some(place) => break (profile, place),
+                match self.recent.iter().find(|held| held.header.index == profile.scan) {
                     None => self.unmatched += 1,
+                    Some(_) if !wanted => {}
+                    Some(held) => {
+                        let scan = Message::Scan(Scan { code: &held.code, ..held.header });
+                        match Event::of(&scan, &mut self.room) {
+                            Ok(_) => break profile,
+                            Err(_) => self.damage += 1,
+                        }
+                    }
                 }
             }
         };
-        let scan = self.recent.get(place)?;
         let position = self.track.at(profile.time);
-        Some(Step { profile, scan, position, track: &self.track, history: &self.history, config: &self.config })
+        let (scan, track, history) = (&self.room, &self.track, &self.history);
+        Some(Step { profile, scan, position, track, history, config: &self.config })
     }
+}
+
+/// Keeps a scan, in the room of one that no profile can be made from any more.
+fn hold(recent: &mut VecDeque<Held>, scan: &Scan<'_>) {
+    let mut code =
+        if recent.len() > WAITING { recent.pop_front().map(|held| held.code) } else { None }.unwrap_or_default();
+    code.clear();
+    code.extend_from_slice(scan.code);
+    let Scan { index, stx, layout, mode, status, counters, .. } = *scan;
+    recent.push_back(Held { header: Scan { index, stx, layout, mode, status, counters, code: &[] }, code });
 }
 
 impl Step<'_> {

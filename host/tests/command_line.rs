@@ -129,11 +129,7 @@ fn a_foreign_file_is_named_and_leaves_nothing() {
     );
     fails(folder.path(), &["verify", "photo.jpg"], "not an MCAP file");
     fails(folder.path(), &["info", "photo.jpg"], "not an MCAP file");
-    fails(
-        folder.path(),
-        &["import", "--lidar", "photo.jpg", "-o", "a.mcap"],
-        "photo.jpg: no LMS 2xx telegram in 18 bytes",
-    );
+    fails(folder.path(), &["import", "--lidar", "photo.jpg", "-o", "a.mcap"], "photo.jpg: no LMS telegram in 18 bytes");
     fails(folder.path(), &["run", "nowhere.mcap", "-o", "a.mcap"], "nowhere.mcap: ");
     assert_eq!(names(folder.path()), ["photo.jpg"]);
 }

@@ -6,7 +6,7 @@ use std::sync::Mutex;
 use std::sync::OnceLock;
 
 use crossfall::capture::{Reader, Writer};
-use crossfall::cloud::{self, Class};
+use crossfall::cloud::{self, Class, Stretch};
 use crossfall::dataset::{self, Partition};
 use crossfall::drive::Drive;
 use crossfall::geodesy::{Utm, between};
@@ -15,7 +15,7 @@ use crossfall::profiles::{Row, Rows};
 use crossfall::simulate::scene::Scene;
 use crossfall::simulate::{self, truth};
 use crossfall::table::Format;
-use crossfall::{export, log, report};
+use crossfall::{export, log, plot, report};
 use crossfall_core::protocol::Config;
 use tempfile::TempDir;
 
@@ -259,6 +259,51 @@ fn the_report_is_one_page_that_needs_nothing_else() {
 }
 
 #[test]
+fn a_report_and_a_table_come_from_one_reading() {
+    let made = drive();
+    let folder = tempfile::tempdir().unwrap();
+    let (alone, beside) = (folder.path().join("alone.csv"), folder.path().join("beside.csv"));
+    dataset::write(&made.log(), None, Format::Csv, &alone, |_| ()).unwrap();
+    let (written, drive) = dataset::write_from(None, Format::Csv, &beside, |sink| {
+        Drive::read_with(
+            &made.log(),
+            |_| (),
+            |rows| {
+                for row in rows {
+                    sink.push(row);
+                }
+            },
+        )
+    })
+    .unwrap();
+    assert_eq!((written.rows, drive.scans.len()), (Some(made.rows.len() as u64), made.truth.len()));
+    assert!(fs::read(&alone).unwrap() == fs::read(&beside).unwrap(), "the same table, byte for byte");
+    // A log that is none leaves no half of a table.
+    let none = folder.path().join("none.csv");
+    let failed =
+        dataset::write_from(None, Format::Csv, &none, |_| Drive::read(&folder.path().join("no.log.mcap"), |_| ()));
+    assert!(failed.is_err() && !none.exists());
+}
+
+#[test]
+fn a_stretch_of_the_cloud_lies_ahead_of_where_it_begins() {
+    let made = drive();
+    let from_m = made.rows[0].position.station_m.unwrap() + 50.0;
+    let stretch = Stretch::read(&made.log(), from_m, from_m + 60.0).unwrap();
+    assert!((55.0..60.0).contains(&stretch.length_m) && stretch.sections.len() > 90, "{}", stretch.length_m);
+    let road = stretch.returns.iter().filter(|(_, class)| *class == Class::Road);
+    for ([ahead, left, up], _) in road {
+        // The bend of 600 m leads 3 m aside in 60 m, the climb of 1.5 % a metre up.
+        assert!((-1.0..61.5).contains(ahead) && left.abs() < 9.0 && (-4.5..-0.5).contains(up), "{ahead} {left} {up}");
+    }
+    let svg = plot::view(&stretch, "A <stretch>", plot::Theme::Dark);
+    assert!(svg.contains("A &lt;stretch>") && svg.len() < 600_000, "{}", svg.len());
+    assert!(svg.contains(">50 m</text>"), "its sections are told by their distance");
+    let nothing = Stretch::read(&made.log(), 1e6, 2e6).unwrap();
+    assert!(nothing.returns.is_empty());
+}
+
+#[test]
 fn an_export_has_every_profile_under_schemas_that_viewers_know() {
     let made = drive();
     let file = made.folder.path().join("drive.foxglove.mcap");
@@ -377,4 +422,47 @@ fn other_programs_open_every_file() {
          print(sorted({f.geometry.type for f in c.features}))",
     );
     assert_eq!(valid, "['LineString', 'Point', 'Polygon']");
+}
+
+/// The job of the documentation on two workers of one machine, and its data set read by the same engine.
+#[test]
+fn spark_takes_logs_in() {
+    let Some(python) = python() else { return };
+    let has = std::process::Command::new(&python).args(["-c", "import pyspark"]).output().unwrap();
+    if !has.status.success() {
+        eprintln!(
+            "skipped: {} has no pyspark, half a gigabyte that `cargo xtask setup` does not fetch",
+            python.display()
+        );
+        return;
+    }
+    let made = drive();
+    let folder = tempfile::tempdir().unwrap();
+    let logs: Vec<PathBuf> = (0..3).map(|i| folder.path().join(format!("run{i}.log.mcap"))).collect();
+    for log in &logs {
+        fs::copy(made.log(), log).unwrap();
+    }
+    let spark = |arguments: &[&std::ffi::OsStr]| {
+        let mut job = std::process::Command::new(&python);
+        job.args(arguments)
+            .current_dir(folder.path())
+            .env("PYSPARK_PYTHON", &python)
+            .env("SPARK_LOCAL_IP", "127.0.0.1");
+        let output = job.env("PYSPARK_SUBMIT_ARGS", "--master local[2] pyspark-shell").output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/scripts/take_in.py");
+    let program = Path::new(env!("CARGO_BIN_EXE_crossfall"));
+    let mut arguments = vec![script.as_os_str(), "--road".as_ref(), "I-80".as_ref(), "--crossfall".as_ref()];
+    arguments.extend([program.as_os_str(), "set".as_ref()]);
+    arguments.extend(logs.iter().map(|log| log.as_os_str()));
+    spark(&arguments);
+    let read = "from pyspark.sql import SparkSession\n\
+                spark = SparkSession.builder.getOrCreate()\n\
+                drives = spark.read.parquet('set')\n\
+                print([tuple(r) for r in drives.groupBy('road', 'side').count().orderBy('side').collect()])";
+    let each = 3 * made.rows.len() / 2;
+    let counted = spark(&["-c".as_ref(), read.as_ref()]);
+    assert_eq!(counted.trim(), format!("[('I-80', 'left', {each}), ('I-80', 'right', {each})]"));
 }

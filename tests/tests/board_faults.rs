@@ -36,10 +36,6 @@ const NOISE: [u8; 11] = [0x55, 0xff, 0x00, 0x7f, 0x80, 0x99, 0x33, 0xcc, 0xaa, 0
 
 #[test]
 fn faults_on_the_wires_are_counted_and_survived() {
-    if std::env::var_os("CROSSFALL_LONG").is_none() {
-        println!("skipped: a part of `cargo xtask test --long`, as it asks for a host with nothing else to do");
-        return;
-    }
     let Some(folder) = recordings("capture") else { return };
     let (mut board, mut scanner) = board::running_board();
     let drive = board::half_rate_drive(&folder);
@@ -147,8 +143,8 @@ fn faults_on_the_wires_are_counted_and_survived() {
     let stx = board.link.collect(|message| if let Message::Scan(scan) = message { Some(scan.stx) } else { None });
     let gap_us = stx.windows(2).map(|pair| pair[1].since(pair[0])).max().expect("scans");
     println!("longest gap between scans: {gap_us} us");
-    // The host's own scheduling moves either end by some tens of milliseconds.
-    assert!((1_800_000..4_200_000).contains(&gap_us), "pulled for 2 s and back within 2 s more: {gap_us}");
+    // Scans are 53 ms apart. What QEMU still held when the cable was pulled arrives after that, the later the busier the host.
+    assert!((1_000_000..4_200_000).contains(&gap_us), "pulled for 2 s and back within 2 s more: {gap_us}");
 
     // Nothing is missing on the link, although nobody read it for three seconds, and all of it verifies.
     assert_eq!(board.link.losses(), (0, 0));

@@ -1,4 +1,4 @@
-//! Prints how well the measuring mode does on simulated sections: `cargo run --release --example accuracy [sections]`.
+//! Prints how well the measuring mode does on simulated sections: `cargo run --release --example accuracy [sections] [word]`.
 
 #[path = "../tests/scenes/mod.rs"]
 mod scenes;
@@ -7,6 +7,8 @@ use scenes::{Family, tally};
 
 fn main() {
     let sections = std::env::args().nth(1).and_then(|a| a.parse().ok()).unwrap_or(1000);
+    // The sets whose names hold a word, or all.
+    let word = std::env::args().nth(2).unwrap_or_default();
     let families = [
         Family::plain("3.5 mm", 0.0035),
         Family::plain("10 mm", 0.010),
@@ -14,10 +16,10 @@ fn main() {
         Family::grass("10 mm grass", 0.010),
     ];
     println!("{}", tally::HEADER);
-    for family in &families {
+    for family in families.iter().filter(|family| family.name.contains(&word)) {
         print!("{}", tally::run(family, sections, 1));
     }
-    for family in rough().iter().chain(&hard()) {
+    for family in rough().iter().chain(&hard()).chain(&uneven()).filter(|family| family.name.contains(&word)) {
         print!("{}", tally::run(family, sections, 2));
     }
 }
@@ -30,6 +32,27 @@ fn rough() -> Vec<Family> {
         set("3.5 mm, rough 5 mm", 0.0035, 0.005),
         set("10 mm, rough 2 mm", 0.010, 0.002),
         set("10 mm, rough 5 mm", 0.010, 0.005),
+    ]
+}
+
+/// Ground that is not straight, and roads in a cut.
+fn uneven() -> Vec<Family> {
+    let waves = |name, noise_m, undulation_m| Family {
+        undulation_m,
+        adjacent_m: (5.0, 8.0),
+        opposing_m: (5.0, 8.0),
+        ..Family::plain(name, noise_m)
+    };
+    vec![
+        waves("3.5 mm, waves 4 mm", 0.0035, 0.004),
+        waves("3.5 mm, waves 8 mm", 0.0035, 0.008),
+        waves("3.5 mm, waves 15 mm", 0.0035, 0.015),
+        waves("10 mm, waves 8 mm", 0.010, 0.008),
+        waves("10 mm, waves 15 mm", 0.010, 0.015),
+        Family { grass: 0.3, strays: 0.01, ..waves("10 mm, waves 8, grass", 0.010, 0.008) },
+        Family { cut: true, ..Family::plain("cut, 3.5 mm", 0.0035) },
+        Family { cut: true, ..Family::plain("cut, 10 mm", 0.010) },
+        Family { cut: true, ..Family::grass("cut, 10 mm grass", 0.010) },
     ]
 }
 

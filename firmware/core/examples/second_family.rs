@@ -38,9 +38,10 @@ fn main() {
 }
 
 const FOOT: &str = "\
-What the table says: inclinations, lengths, V ditches, dropouts and roll are no trouble. Where a rail hides the edge of the slope, or half of what is seen is grass, slopes are lost and some of
-those found are off by more than a degree; the sections that do it say so in their flags, but for the share in brackets. At a rounded edge slope and edge are right, the edge being where the
-two lines meet; `hinge_rounded` says so where the rounding, nine millimetres at its deepest, stands out of the noise.
+What the table says: inclinations, lengths, V ditches, dropouts, roll and cuts are no trouble; the bank of a cut is an adjacent slope above zero. Where a rail hides the edge of the slope, or half of what is seen is
+grass, slopes are lost and some of those found are off by more than a degree; the sections that do it say so in their flags, but for the share in brackets. At a rounded edge slope and edge are right, the edge being where the
+two lines meet; `hinge_rounded` says so where the rounding, nine millimetres at its deepest, stands out of the noise. Ground that undulates is measured against the best line over the whole of each slope: 8 mm (one sigma, waves
+of 2 to 12 m) are followed; at 15 mm one slope in twelve is still measured by a piece of it, mostly flagged, and intervals are too narrow.
 ";
 
 fn row(tally: &Tally, has_slopes: bool) -> String {

@@ -67,6 +67,39 @@ fn what_is_not_there_is_not_reported() {
 }
 
 #[test]
+fn undulating_ground_is_one_slope() {
+    // Heights of 15 mm in waves of two metres and more tilt pieces of a slope by more than a degree: what cannot be followed is doubtful.
+    for (name, rms, silent, doubtful) in [("undulation 8 mm", 0.2, 0.3, 8.0), ("undulation 15 mm", 0.5, 2.5, 25.0)] {
+        for noise_m in [0.0035, 0.010] {
+            let tally = run(&set(name, noise_m), SECTIONS, 900);
+            for (slope, errors) in both(&tally) {
+                assert!(errors.found() >= 86.0, "{name}: {slope} found {:.1} %\n{tally}", errors.found());
+                assert!(errors.rms() <= rms, "{name}: {slope} {:.3} degrees RMS\n{tally}", errors.rms());
+                let wrong = share(errors.far_unflagged, errors.values.len());
+                assert!(wrong <= silent, "{name}: {slope}: {wrong:.2} % wrong in silence\n{tally}");
+            }
+            assert!(flagged(&tally, flags::DOUBTFUL) <= doubtful, "{tally}");
+        }
+    }
+}
+
+#[test]
+fn a_road_in_a_cut_has_an_adjacent_slope_that_rises() {
+    for name in ["cut", "cut, grass"] {
+        for noise_m in [0.0035, 0.010] {
+            let tally = run(&set(name, noise_m), SECTIONS, 901);
+            let adjacent = &tally.adjacent;
+            // Errors are signed: a slope that was reported as falling would be off by ten degrees.
+            assert!(adjacent.found() >= 99.0 && adjacent.far == 0, "{tally}");
+            assert!(adjacent.rms() <= 0.1, "{tally}");
+            assert!((90.0..99.0).contains(&adjacent.coverage()), "{tally}");
+            assert!(tally.edge.rms() <= 40.0, "{tally}");
+            assert_eq!(tally.opposing.invented, 0, "nothing faces a bank\n{tally}");
+        }
+    }
+}
+
+#[test]
 fn flags_tell_what_is_wrong_with_a_section() {
     for noise_m in [0.0035, 0.010] {
         let rail = run(&set("guardrail", noise_m), SECTIONS, 700);

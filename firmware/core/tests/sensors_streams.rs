@@ -6,7 +6,7 @@
 
 use crossfall_core::protocol::DeviceTime;
 use crossfall_core::protocol::message::LineCounters;
-use crossfall_core::sensors::{lms2xx, novatel};
+use crossfall_core::sensors::{Scanner, cola, lms2xx, novatel};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -30,6 +30,8 @@ trait Format {
 struct Lms;
 /// Frames of the receiver.
 struct Span;
+/// Telegrams of the other family of scanners.
+struct Cola;
 
 /// Frames out, counters and pending bytes after each byte, and once more after the end.
 type Course = Vec<(usize, LineCounters, usize)>;
@@ -125,6 +127,43 @@ impl Format for Span {
     }
 }
 
+impl Format for Cola {
+    const LONGEST: usize = cola::LONGEST;
+    const HEADER_BYTES: &'static [u8] = &[0x02, 0x02, 0x02, 0x02, 0x00, 0x00, 0x01, b's', b'S', b'N'];
+
+    fn decode(bytes: &[u8], arrivals: &[DeviceTime]) -> (Vec<DeviceTime>, Course) {
+        let mut decoder = cola::Decoder::default();
+        let (mut found, mut counters) = (Vec::new(), Vec::new());
+        let arrival = |event: cola::Event<'_>| match event {
+            cola::Event::Scan { arrival, .. } | cola::Event::Other(arrival) => arrival,
+        };
+        for (&byte, &at) in bytes.iter().zip(arrivals) {
+            decoder.push(byte, at, &mut |event| found.push(arrival(event)));
+            counters.push((found.len(), decoder.counters(), decoder.pending()));
+        }
+        decoder.finish(&mut |event| found.push(arrival(event)));
+        counters.push((found.len(), decoder.counters(), decoder.pending()));
+        (found, counters)
+    }
+
+    fn frame_at(bytes: &[u8]) -> Option<usize> {
+        let &[2, 2, 2, 2, 0, 0, high, low, b's', b'A'..=b'Z', b'A'..=b'Z', ..] = bytes else { return None };
+        let length = 256 * usize::from(high) + usize::from(low);
+        let payload = bytes.get(8..8 + length).filter(|_| (3..=2_591).contains(&length))?;
+        (bytes.get(8 + length) == Some(&cola::checksum(payload))).then_some(9 + length)
+    }
+
+    fn frame(kind: u8, body: &[u8]) -> Vec<u8> {
+        let mut payload = if kind & 1 == 0 { b"sSN".to_vec() } else { b"sRA".to_vec() };
+        payload.extend(&body[..body.len().min(2_588)]);
+        let mut frame = vec![2, 2, 2, 2];
+        frame.extend((payload.len() as u32).to_be_bytes());
+        frame.extend(&payload);
+        frame.push(cola::checksum(&payload));
+        frame
+    }
+}
+
 /// Every frame of a stream by the definition.
 fn oracle<F: Format>(bytes: &[u8]) -> Vec<Place> {
     let (mut spans, mut at) = (Vec::new(), 0);
@@ -208,6 +247,11 @@ proptest! {
     #[test]
     fn frames_are_the_oracles(bytes in stream::<Span>(), gaps in vec(any::<u16>(), 1..20)) {
         check::<Span>(&bytes, &gaps)?;
+    }
+
+    #[test]
+    fn telegrams_of_the_other_family_are_the_oracles(bytes in stream::<Cola>(), gaps in vec(any::<u16>(), 1..20)) {
+        check::<Cola>(&bytes, &gaps)?;
     }
 }
 

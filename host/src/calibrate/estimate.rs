@@ -3,20 +3,21 @@
 use crossfall_core::protocol::message::{Pose, flags};
 
 use super::ground::Ground;
-use super::{Drive, Estimate, LEAST_SCANS, Refusal, Sample, Surface, statistics};
+use super::statistics::HighPass;
+use super::{Drive, Estimate, LEAST_SCANS, Refusal, Sample, Surface, drift, statistics};
 use crate::profiles::degrees;
 
-/// The delay is refused when its standard error is above this.
-const MAX_DELAY_SE_US: f64 = 2_000.0;
+/// The delay is refused when its standard error is above this: at ten degrees a second it is worth 0.005 degrees, a third of the unit's own error.
+const MAX_DELAY_SE_US: f64 = 500.0;
+
+/// A regression that is less sure than this is not followed at all.
+const FOLLOWED_SE_US: f64 = 20_000.0;
 
 /// The offset is refused when its standard error is above this.
 const MAX_OFFSET_SE_DEG: f64 = 0.1;
 
 /// Standard deviation of the mean cross slope of a road that one knows nothing about, in degrees (about 2 %).
 const ROAD_PRIOR_DEG: f64 = 1.15;
-
-/// What a unit's roll is off by, in degrees, one sigma: SPAN's published accuracy.
-pub const UNIT_ROLL_DEG: f64 = 0.017;
 
 /// Slower than this is parked, in metres a second.
 const PARKED_M_S: f64 = 0.1;
@@ -26,7 +27,8 @@ const PARKED_M_S: f64 = 0.1;
 /// # Errors
 /// [`Refusal::TooFew`] when there is too little to say anything.
 pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample>), Refusal> {
-    let ground = Ground::new(drive);
+    let parked = is_parked(&drive.poses);
+    let ground = if parked { Ground::parked(drive) } else { Ground::new(drive) };
     let start_us = f64::from(drive.config.scanner.delay_us);
     let before = ground.residuals(start_us);
     let too_few = |usable: usize| Refusal::TooFew { usable, scans: drive.scans.len() };
@@ -34,12 +36,13 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
         return Err(too_few(before.len()));
     }
     let mut delay_us = start_us;
-    let mut fit = statistics::regress(&before);
+    let mut filter = HighPass::best(&before);
+    let mut fit = statistics::regress(&before, filter);
     // Gauss-Newton: the residual is linear in the delay up to the curvature of the roll, so a few steps settle it. Without roll there is
     // nothing to follow.
-    for _ in 0..6 {
+    for step in 0..6 {
         let step_us = fit.slope.clamp(-30_000.0, 30_000.0);
-        if fit.slope_se.is_nan() || fit.slope_se > 10.0 * MAX_DELAY_SE_US || step_us.abs() < 0.5 {
+        if fit.slope_se.is_nan() || fit.slope_se > FOLLOWED_SE_US || step_us.abs() < 0.5 {
             break;
         }
         delay_us = (delay_us + step_us).clamp(-200_000.0, 200_000.0);
@@ -47,7 +50,11 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
         if points.len() < LEAST_SCANS {
             return Err(too_few(points.len()));
         }
-        fit = statistics::regress(&points);
+        // With most of the delay taken out, what is left is what the filter is to keep away.
+        if step == 0 {
+            filter = HighPass::best(&points);
+        }
+        fit = statistics::regress(&points, filter);
     }
     let by_arrival = before.iter().filter(|point| point.flags & flags::TIME_BY_ARRIVAL != 0).count();
     let timed = by_arrival * 2 <= before.len();
@@ -56,8 +63,7 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
         delay_us = start_us;
     }
     let after = ground.residuals(delay_us);
-    let parked = is_parked(&drive.poses);
-    let level = statistics::mean(&after);
+    let level = drift::mean(&after);
     let (true_slope, prior_se, said) = match surface {
         Surface::Known(degrees) => {
             (degrees, 0.0, format!("the surface's slope was given: {degrees} degrees to the left"))
@@ -74,8 +80,8 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
         ),
     };
     let old_offset_deg = degrees(drive.config.scanner.mounting_offset);
-    let offset_deg = old_offset_deg + true_slope - level.mean;
-    let offset_se_deg = mean_se(&level).hypot(prior_se);
+    let offset_deg = old_offset_deg + true_slope - level.mean_deg;
+    let offset_se_deg = level.se_deg.hypot(prior_se);
     let rate = statistics::rms(after.iter().map(|point| point.rate_deg_us * 1e6));
     let mut remarks = vec![said];
     if !timed {
@@ -85,11 +91,7 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
                 .to_owned(),
         );
     } else if !delay_determined {
-        remarks.push(format!(
-            "the delay cannot be told: its standard error would be {:.0} us with the vehicle rolling at {rate:.2} degrees/s RMS; \
-             rock the vehicle, or drive longer",
-            fit.slope_se
-        ));
+        remarks.push(too_uncertain(&fit, rate, after.len()));
     }
     let offset_determined = offset_se_deg <= MAX_OFFSET_SE_DEG;
     if !offset_determined {
@@ -124,14 +126,24 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
     Ok((estimate, samples))
 }
 
-/// What a record's mean is off by: the published accuracy without what was seen to move within the record, but no less than an autoregression
-/// makes of what moved; and the noise that is new with every scan.
-fn mean_se(level: &statistics::Mean) -> f64 {
-    let published = UNIT_ROLL_DEG * UNIT_ROLL_DEG;
-    let unseen = (published - level.slow_variance).max(0.0);
-    let slow = level.autoregressive_variance.max(unseen).min(published.max(level.slow_variance));
-    (slow + level.fast_variance).sqrt()
+/// Why the delay is refused, and what would tell it.
+fn too_uncertain(fit: &statistics::Regression, rate_deg_s: f64, scans: usize) -> String {
+    let minutes = scans as f64 * SCAN_S / 60.0;
+    let times = (fit.slope_se / MAX_DELAY_SE_US).powi(2);
+    let longer = if times.is_finite() && times * minutes < 120.0 {
+        format!(", or drive like this for {:.0} minutes", (times * minutes).ceil().max(1.0))
+    } else {
+        String::new()
+    };
+    format!(
+        "the delay cannot be told: its standard error would be {:.0} us with the vehicle rolling at {rate_deg_s:.2} degrees/s RMS, and \
+         {MAX_DELAY_SE_US:.0} us are the most that is taken; park and rock the vehicle for a minute{longer}",
+        fit.slope_se
+    )
 }
+
+/// From one scan to the next, in seconds.
+const SCAN_S: f64 = 0.026_64;
 
 /// Whether the vehicle stood all the time, as far as its poses tell.
 fn is_parked(poses: &[Pose]) -> bool {

@@ -3,6 +3,9 @@
 //! Levelling is the core's own: the same attitude, the same roll for every beam, the same points. The line is fitted here in floating point,
 //! robustly, over the points within three metres of the sensor on both sides, each with the variance that the noise of its range
 //! has in height: the square of the cosine of its beam's angle from straight down, and a fifth of that noise for the surface.
+//!
+//! What a line knows of its slope grows with the third power of its reach (as the tangent of the outermost beam's angle, cubed). A parked vehicle sees
+//! the same ground in every scan, so that the scans together tell to a millimetre how far it is even: as far as that, points count.
 
 use crossfall_core::attitude::{HISTORY, History, ScanRoll};
 use crossfall_core::protocol::message::flags;
@@ -14,6 +17,17 @@ use crate::profiles::degrees;
 
 /// Points this far to either side belong to the ground under the sensor, in metres.
 pub const REACH_M: f64 = 3.0;
+
+/// The furthest that even ground is followed under a parked vehicle, in strips of this width, in metres.
+const FURTHEST_M: f64 = 8.0;
+const STRIP_M: f64 = 0.25;
+
+/// Scans that are looked at for it, and the fewest points that tell the height of a strip.
+const LOOKED_AT: usize = 120;
+const STRIP_POINTS: usize = 40;
+
+/// A strip further than this off the line of the inner three metres, by the median of its points, is not even with it, in metres.
+const EVEN_M: f64 = 0.003;
 
 /// Fewest points that make a line.
 const LEAST_POINTS: usize = 40;
@@ -43,11 +57,50 @@ pub struct Residual {
 /// The scans and poses of a drive, ready to be levelled with any delay.
 pub struct Ground<'a> {
     drive: &'a Drive,
+    /// How far points count to the right and to the left, in metres.
+    reach_m: [f64; 2],
 }
 
 impl<'a> Ground<'a> {
     pub fn new(drive: &'a Drive) -> Self {
-        Self { drive }
+        Self { drive, reach_m: [REACH_M; 2] }
+    }
+
+    /// The same of a vehicle that stands: the ground is followed as far as it is even.
+    pub fn parked(drive: &'a Drive) -> Self {
+        let mut ground = Self::new(drive);
+        ground.reach_m = ground.even_m();
+        ground
+    }
+
+    /// How far the ground is even with that under the sensor, to the right and to the left.
+    fn even_m(&self) -> [f64; 2] {
+        let first = (REACH_M / STRIP_M) as usize;
+        let strips = (FURTHEST_M / STRIP_M) as usize;
+        let mut heights = [vec![Vec::new(); strips], vec![Vec::new(); strips]];
+        let delay_us = self.drive.config.scanner.delay_us;
+        let mut points = Points::new();
+        let step = (self.drive.scans.len() / LOOKED_AT).max(1);
+        for scan in self.drive.scans.iter().step_by(step) {
+            let Some(roll) = self.track(scan, delay_us) else { continue };
+            let section = self.section(scan, &roll, delay_us, &mut points);
+            let near: Vec<_> = section.iter().filter(|(y, _)| y.abs() <= REACH_M).copied().collect();
+            let Some(line) = robust_line(&near) else { continue };
+            for (y, z) in section {
+                let strips = &mut heights[usize::from(y > 0.0)];
+                if let Some(strip) = strips.get_mut((y.abs() / STRIP_M) as usize) {
+                    strip.push(z - line.height - line.slope * y);
+                }
+            }
+        }
+        heights.map(|strips| {
+            let even = |mut strip: Vec<f64>| {
+                let middle = strip.len() / 2;
+                strip.len() >= STRIP_POINTS && strip.select_nth_unstable_by(middle, f64::total_cmp).1.abs() <= EVEN_M
+            };
+            let more = strips.into_iter().skip(first).map(even).take_while(|even| *even).count();
+            (first + more) as f64 * STRIP_M
+        })
     }
 
     /// The residual of every scan that has ground and attitude.
@@ -106,11 +159,17 @@ impl<'a> Ground<'a> {
     }
 
     fn line(&self, scan: &RawScan, roll: &ScanRoll, delay_us: i32, points: &mut Points) -> Option<Line> {
+        let [right_m, left_m] = self.reach_m;
+        let mut near = self.section(scan, roll, delay_us, points);
+        near.retain(|(y, _)| (-right_m..=left_m).contains(y));
+        robust_line(&near)
+    }
+
+    /// The levelled points of a scan, in metres.
+    fn section(&self, scan: &RawScan, roll: &ScanRoll, delay_us: i32, points: &mut Points) -> Vec<(f64, f64)> {
         let scanner = config::Scanner { delay_us, ..self.drive.config.scanner };
         scan::level(scan, &roll.track, &scanner, points);
-        let section = points.iter().map(|echo| (f64::from(echo.point.y_um) * 1e-6, f64::from(echo.point.z_um) * 1e-6));
-        let near: Vec<_> = section.filter(|(y, _)| y.abs() <= REACH_M).collect();
-        robust_line(&near)
+        points.iter().map(|echo| (f64::from(echo.point.y_um) * 1e-6, f64::from(echo.point.z_um) * 1e-6)).collect()
     }
 
     /// The poses around a scan, as the core's history would hold them.
@@ -128,6 +187,9 @@ impl<'a> Ground<'a> {
 /// A line over the ground.
 #[derive(Clone, Copy, Debug)]
 struct Line {
+    /// Height under the sensor, in metres, and rise a metre.
+    height: f64,
+    slope: f64,
     slope_deg: f64,
     se_deg: f64,
 }
@@ -166,6 +228,8 @@ fn robust_line(points: &[(f64, f64)]) -> Option<Line> {
     let variance = 1.208 * squares / (count - 2.0).max(1.0);
     let slope_se = (variance / line.spread).sqrt();
     Some(Line {
+        height: line.height,
+        slope: line.slope,
         slope_deg: line.slope.atan().to_degrees(),
         se_deg: (slope_se / (1.0 + line.slope * line.slope)).to_degrees(),
     })

@@ -1,9 +1,6 @@
-//! Means and a regression over residuals whose errors last from one scan to the next.
+//! A regression over residuals whose errors last from one scan to the next, and what else is taken of them.
 
 pub use super::ground::Residual;
-
-/// Length of the means that a lasting error is judged by, in seconds.
-const BLOCK_S: f64 = 0.5;
 
 /// How long errors are allowed to last in the regression, in seconds.
 const MEMORY_S: f64 = 1.0;
@@ -30,11 +27,50 @@ pub fn deviation(values: impl Iterator<Item = f64> + Clone) -> f64 {
     rms(values.map(|value| value - mean))
 }
 
-/// Regresses the residuals on their derivative by the delay, with what varies slower than a second or so taken out of both: the drift
-/// of the unit's attitude, the changing cross slope of a road.
-pub fn regress(points: &[Residual]) -> Regression {
-    let slopes = high_pass(points, |point| point.slope_deg);
-    let rates = high_pass(points, |point| point.rate_deg_us);
+/// What varies slowly is taken out of the residuals and of the roll rate alike, by what remains after their mean over twice `half_s` around is taken off,
+/// `passes` times over: the drift of the unit's attitude, the changing cross slope of a road.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HighPass {
+    half_s: f64,
+    passes: u32,
+}
+
+impl HighPass {
+    /// What a rock test wants: nearly all of its roll passes.
+    pub const GENTLE: Self = Self { half_s: 1.0, passes: 1 };
+
+    /// The one that leaves the delay the least standard error. A road whose cross slope changes as fast as the vehicle rolls wants a sharp one;
+    /// where none halves the error, as on a rock test, it is the gentle one.
+    pub fn best(points: &[Residual]) -> Self {
+        let gentle = regress(points, Self::GENTLE).slope_se;
+        let sharper =
+            [0.7, 0.5, 0.35, 0.25].into_iter().flat_map(|half_s| [1, 2, 3].map(|passes| Self { half_s, passes }));
+        let tried = sharper.map(|filter| (filter, regress(points, filter).slope_se));
+        let best = tried.min_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, se)| *se < 0.5 * gentle);
+        best.map_or(Self::GENTLE, |(filter, _)| filter)
+    }
+
+    fn of(self, points: &[Residual], pick: fn(&Residual) -> f64) -> Vec<f64> {
+        let half = scans_in(points, self.half_s);
+        let mut values: Vec<f64> = points.iter().map(pick).collect();
+        for _ in 0..self.passes {
+            let mut sums = vec![0.0; values.len() + 1];
+            for (i, value) in values.iter().enumerate() {
+                sums[i + 1] = sums[i] + value;
+            }
+            for (i, value) in values.iter_mut().enumerate() {
+                let (from, to) = (i.saturating_sub(half), (i + half + 1).min(points.len()));
+                *value -= (sums[to] - sums[from]) / (to - from) as f64;
+            }
+        }
+        values
+    }
+}
+
+/// Regresses the residuals on their derivative by the delay.
+pub fn regress(points: &[Residual], filter: HighPass) -> Regression {
+    let slopes = filter.of(points, |point| point.slope_deg);
+    let rates = filter.of(points, |point| point.rate_deg_us);
     let power: f64 = rates.iter().map(|rate| rate * rate).sum();
     let product: f64 = rates.iter().zip(&slopes).map(|(rate, slope)| rate * slope).sum();
     // The residual must become independent of the rate: residual + rate x change = constant.
@@ -46,57 +82,14 @@ pub fn regress(points: &[Residual]) -> Regression {
         let weight = 1.0 - lag as f64 / (memory + 1) as f64;
         variance += 2.0 * weight * scores.iter().zip(&scores[lag..]).map(|(a, b)| a * b).sum::<f64>();
     }
-    let slope_se = if power > 0.0 { variance.max(0.0).sqrt() / power } else { f64::INFINITY };
+    // A sharp filter's notch lies within the resolution of a memory of one second: on white noise the estimate was two thirds of the truth.
+    let notch = if filter == HighPass::GENTLE { 1.0 } else { 1.5 };
+    let slope_se = if power > 0.0 { notch * variance.max(0.0).sqrt() / power } else { f64::INFINITY };
     Regression { slope, slope_se }
 }
 
-/// The mean of the residuals and what it may be off by.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Mean {
-    /// The mean.
-    pub mean: f64,
-    /// Variance that lasts from one half second to the next, about the mean: what moved within the record.
-    pub slow_variance: f64,
-    /// Variance of the mean by noise that does not last.
-    pub fast_variance: f64,
-    /// Variance of the mean if half-second means are a first-order autoregression.
-    pub autoregressive_variance: f64,
-}
-
-/// The mean of the residuals and its variances.
-pub fn mean(points: &[Residual]) -> Mean {
-    let count = points.len() as f64;
-    let mean = points.iter().map(|point| point.slope_deg).sum::<f64>() / count;
-    let block = scans_in(points, BLOCK_S).max(1);
-    let blocks: Vec<f64> = points
-        .chunks_exact(block)
-        .map(|part| part.iter().map(|point| point.slope_deg - mean).sum::<f64>() / block as f64)
-        .collect();
-    let n = blocks.len() as f64;
-    let power: f64 = blocks.iter().map(|b| b * b).sum();
-    if n < 4.0 || power <= 0.0 {
-        let fast_variance = deviation(points.iter().map(|point| point.slope_deg)).powi(2);
-        return Mean { mean, fast_variance, ..Mean::default() };
-    }
-    let lagged: f64 = blocks.windows(2).map(|pair| pair[0] * pair[1]).sum();
-    let slow_variance = (lagged / (n - 1.0)).max(0.0);
-    // The autocorrelation of a short record is found too small by (1 + 3 rho) / n (Kendall 1954).
-    let found = lagged / power;
-    let rho = (found + (1.0 + 3.0 * found) / n).clamp(0.0, 0.98);
-    // So is the variance about the record's own mean, by the variance of that mean.
-    let inflation = (1.0 + rho) / (1.0 - rho);
-    let own = (inflation / n).min(0.75);
-    let variance = power / (n - 1.0) / (1.0 - own);
-    Mean {
-        mean,
-        slow_variance,
-        fast_variance: (power / n - slow_variance).max(0.0) / n,
-        autoregressive_variance: variance * inflation.min(n) / n,
-    }
-}
-
 /// How many scans there are in so many seconds, by the median interval.
-fn scans_in(points: &[Residual], seconds: f64) -> usize {
+pub fn scans_in(points: &[Residual], seconds: f64) -> usize {
     let mut steps: Vec<f64> = points.windows(2).map(|pair| pair[1].seconds - pair[0].seconds).collect();
     if steps.is_empty() {
         return 1;
@@ -104,20 +97,6 @@ fn scans_in(points: &[Residual], seconds: f64) -> usize {
     let middle = steps.len() / 2;
     let (_, step, _) = steps.select_nth_unstable_by(middle, f64::total_cmp);
     (seconds / step.max(1e-3)).round() as usize
-}
-
-/// What remains of a quantity after its mean over two seconds around is taken off.
-fn high_pass(points: &[Residual], pick: fn(&Residual) -> f64) -> Vec<f64> {
-    let half = scans_in(points, 1.0);
-    let mut sums = vec![0.0; points.len() + 1];
-    for (i, point) in points.iter().enumerate() {
-        sums[i + 1] = sums[i] + pick(point);
-    }
-    let mean = |i: usize| {
-        let (from, to) = (i.saturating_sub(half), (i + half + 1).min(points.len()));
-        (sums[to] - sums[from]) / (to - from) as f64
-    };
-    points.iter().enumerate().map(|(i, point)| pick(point) - mean(i)).collect()
 }
 
 /// Slope of the least-squares line through points.

@@ -7,6 +7,7 @@
 
 mod las_file;
 mod ply;
+mod stretch;
 
 use std::path::{Path, PathBuf};
 
@@ -18,6 +19,8 @@ use crate::section::{Fitted, Part, Place, lines};
 use crate::track::Position;
 use crate::walk::{Step, Walk};
 use crate::{container, interrupt, output};
+
+pub use stretch::{Across, Stretch};
 
 /// A return within this of a fitted line belongs to its surface, in metres: five standard deviations of the scanner's ranges, and some grass.
 pub const SURFACE_M: f64 = 0.08;
@@ -175,7 +178,7 @@ pub fn write(logs: &[PathBuf], format: Format, to: &Path, mut progress: impl FnM
         let mut steps = 0_u64;
         loop {
             let offset = walk.offset();
-            let Some(step) = walk.next(|_, _| ()) else { break };
+            let Some(step) = walk.next(|_, _| true) else { break };
             steps += 1;
             if steps.is_multiple_of(512) {
                 progress(number, offset);

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use crossfall::capture::Writer;
 use crossfall::import::{Ins, Lidar, import};
+use crossfall::scanner::Family;
 
 use super::{Outcome, distinct, tell};
 
@@ -45,24 +46,27 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         import(lidar.as_deref(), ins.as_deref(), config.scanner.measuring_mode, &mut capture)?;
     // A dump of which nothing at all decodes is another kind of file.
     if let (Some(path), Some(found)) = (&args.lidar, &found_lidar) {
-        anyhow::ensure!(found.line.frames > 0, "{}: no LMS 2xx telegram in {} bytes", path.display(), found.line.bytes);
+        anyhow::ensure!(found.line.frames > 0, "{}: no LMS telegram in {} bytes", path.display(), found.line.bytes);
     }
     if let (Some(path), Some(found)) = (&args.ins, &found_ins) {
         anyhow::ensure!(found.line.frames > 0, "{}: no NovAtel frame in {} bytes", path.display(), found.line.bytes);
     }
     capture.finish()?;
-    if let Some(Lidar { line, scans, replies, missing, seconds }) = found_lidar {
+    if let Some(Lidar { family, line, scans, replies, missing, seconds }) = found_lidar {
         tell!(
             "lidar: {} bytes, {scans} scans, {replies} other telegrams, {} failed their CRC, {} bytes between telegrams",
             line.bytes,
             line.bad_frames,
             line.skipped
         );
-        tell!(
-            "lidar: no times in a dump; assumed that a scan follows the other (13.32 ms a mirror turn): {seconds:.2} s"
-        );
+        match family {
+            Family::Lms2xx => tell!(
+                "lidar: no times in a dump; assumed that a scan follows the other (13.32 ms a mirror turn): {seconds:.2} s"
+            ),
+            Family::Cola => tell!("lidar: {}; times by the scanner's own clock: {seconds:.2} s", family.name()),
+        }
         if missing > 0 {
-            tell!("lidar: the telegram index shows {missing} scans missing; their time is left free");
+            tell!("lidar: the telegrams' numbers show {missing} scans missing; their time is left free");
         }
     }
     if let Some(Ins { line, poses, untimed, seconds }) = found_ins {

@@ -1,7 +1,7 @@
 //! `crossfall plot`: pictures of one log, or of several over each other.
 //!
 //! `slopes` has the slopes along the drive with their 95 % intervals, `section-N` one section: raw and levelled points, road, edges, slopes,
-//! `variation-N` the slope of small pieces along that section. With several logs of one road, `runs` has their returns at one place over each other, and
+//! `variation-N` the slope of small pieces along that section, `view-N` the returns of the stretch that begins there in perspective. With several logs of one road, `runs` has their returns at one place over each other, and
 //! `slopes` has all of them by where they were. With the truth of a simulated drive, `errors` has histograms of the slopes' errors.
 
 use std::path::{Path, PathBuf};
@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use clap::ValueEnum;
 use crossfall::along::Along;
+use crossfall::cloud::Stretch;
 use crossfall::drive::{Drive, SLOPES};
 use crossfall::plot::{self, Series, TruthAt};
 use crossfall::section::Section;
@@ -16,6 +17,9 @@ use crossfall::{output, section};
 
 use super::progress::Progress;
 use super::{Outcome, tell};
+
+/// Metres of road in the picture of the cloud.
+const VIEW_M: f64 = 60.0;
 
 /// Draw a section, the slopes along the drive, runs over each other (SVG, PNG)
 #[derive(clap::Args)]
@@ -92,6 +96,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let found = one_section(&canvas, log, number, &mut paths)?;
     let title = format!("Variation of the slope along the section of scan {number}");
     paths.extend(canvas.write(&format!("variation-{number}"), &plot::variation(&found, &title, canvas.theme)?)?);
+    paths.extend(view(&canvas, log, first, number)?);
     if drives.len() > 1 {
         paths.extend(runs(&canvas, args, &drives, number, found)?);
     }
@@ -147,6 +152,19 @@ fn at_station(drive: &Drive, station_m: f64) -> Option<u32> {
     let known = drive.scans.iter().filter(|scan| scan.station_m.is_finite());
     let off = |scan: &&crossfall::drive::Scan| (scan.station_m - station_m).abs();
     known.min_by(|a, b| off(a).total_cmp(&off(b))).map(|scan| scan.number)
+}
+
+/// Draws the stretch that begins at a scan; nothing where no position is known.
+fn view(canvas: &Canvas<'_>, log: &Path, drive: &Drive, number: u32) -> anyhow::Result<Vec<PathBuf>> {
+    let station = drive.scans.iter().find(|scan| scan.number == number).map(|scan| scan.station_m);
+    let Some(from_m) = station.filter(|station| station.is_finite()) else { return Ok(Vec::new()) };
+    let stretch = Stretch::read(log, from_m, from_m + VIEW_M)?;
+    if stretch.returns.is_empty() {
+        tell!("{}: no position at scan {number}, so no view of the cloud", log.display());
+        return Ok(Vec::new());
+    }
+    let title = format!("The road from scan {number} on");
+    canvas.write(&format!("view-{number}"), &plot::view(&stretch, &title, canvas.theme))
 }
 
 /// Draws one section.

@@ -29,7 +29,8 @@ Examples:
 
 Ctrl-C ends the recording; a lost connection does not.")]
 pub struct Args {
-    /// The board: serial:PATH, serial:PATH@BAUD (1,000,000 unless told) or tcp:HOST:PORT
+    /// The board: serial:PATH, serial:PATH@BAUD (1,000,000 unless told), tcp:HOST:PORT or
+    /// emulated (the board's image in QEMU, on a simulated drive)
     #[arg(short, long)]
     device: Device,
     /// The log to write; it must not exist

@@ -120,6 +120,9 @@ fn sensor_line(text: &str) -> Result<Device, String> {
         Device::Serial { .. } if !text.contains('@') => {
             Err("expected serial:PATH@BAUD: a sensor's line needs its rate".to_owned())
         }
+        Device::Emulated { .. } => {
+            Err("expected tcp:HOST:PORT or serial:PATH@BAUD: an emulated board has its own sensors".to_owned())
+        }
         line => Ok(line),
     }
 }
@@ -127,6 +130,7 @@ fn sensor_line(text: &str) -> Result<Device, String> {
 fn pulse_line(text: &str) -> Result<Device, String> {
     match text.parse()? {
         Device::Serial { .. } => Err("expected tcp:HOST:PORT: a serial port has no line for a pulse".to_owned()),
+        Device::Emulated { .. } => Err("expected tcp:HOST:PORT: an emulated board has its own pulse".to_owned()),
         line => Ok(line),
     }
 }

@@ -3,10 +3,12 @@
 //! Slopes along the road with their intervals, the section at any place, the trace on a map, a summary by the mile, the instrument's health and the
 //! calibration that was used.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use anyhow::Context;
 use crossfall::drive::Drive;
-use crossfall::{output, report};
+use crossfall::table::Format;
+use crossfall::{dataset, output, report};
 
 use super::progress::Progress;
 use super::{Outcome, distinct, tell};
@@ -16,7 +18,8 @@ use super::{Outcome, distinct, tell};
 #[command(after_help = "\
 Examples:
   crossfall report drive.log.mcap -o drive.html
-  crossfall report drive.log.mcap --title \"I-80 westbound, mile 147 to 161\" -o i80.html")]
+  crossfall report drive.log.mcap --title \"I-80 westbound, mile 147 to 161\" -o i80.html
+  crossfall report drive.log.mcap --profiles drive.parquet -o drive.html")]
 pub struct Args {
     /// The log
     log: PathBuf,
@@ -26,21 +29,50 @@ pub struct Args {
     /// Its title; without it the log's name
     #[arg(long)]
     title: Option<String>,
+    /// Also write the table of profiles, in the same reading of the log (.csv, .parquet, .geojson)
+    #[arg(long, value_name = "FILE")]
+    profiles: Option<PathBuf>,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     distinct(&[&args.log], &args.output)?;
+    let table = args.profiles.as_deref().map(|to| table(args, to)).transpose()?;
     let progress = Progress::new("report", std::fs::metadata(&args.log).map_or(0, |metadata| metadata.len()));
-    let drive = Drive::read(&args.log, |offset| progress.at(offset))?;
+    let (drive, written) = match table {
+        None => (Drive::read(&args.log, |offset| progress.at(offset))?, None),
+        Some((to, format)) => {
+            let (written, drive) = dataset::write_from(None, format, to, |sink| {
+                let progress = |offset| progress.at(offset);
+                Drive::read_with(&args.log, progress, |rows| {
+                    for row in rows {
+                        sink.push(row);
+                    }
+                })
+            })?;
+            (drive, Some(written))
+        }
+    };
     drop(progress);
     anyhow::ensure!(!drive.scans.is_empty(), "{}: the log has no profile", args.log.display());
     let name = args.log.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let title = args.title.as_deref().unwrap_or(&name);
     output::write(&args.output, report::page(&drive, title).as_bytes())?;
     tell!("{}: {} sections", args.output.display(), drive.scans.len());
+    if let Some(written) = written {
+        tell!("{}: {} rows", written.path.display(), written.rows.unwrap_or_default());
+    }
     let lost = drive.health.damage + drive.health.unmatched;
     if lost > 0 {
         tell!("{}: {lost} damaged, broken or missing parts passed over; see `crossfall verify`", args.log.display());
     }
     Ok(Outcome::lost_if(lost > 0))
+}
+
+/// Where the table of profiles goes, and its format by its name.
+fn table<'a>(args: &Args, to: &'a Path) -> anyhow::Result<(&'a Path, Format)> {
+    let format = Format::of(to);
+    let format =
+        format.with_context(|| format!("{}: expected a name that ends in .csv, .parquet or .geojson", to.display()))?;
+    distinct(&[&args.log, &args.output], to)?;
+    Ok((to, format))
 }

@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use crossfall::capture::{Channel, Reader};
 use crossfall::faults::{Faulty, Spec};
 use crossfall::log;
+use crossfall::scanner::Family;
 
 use super::progress::Progress;
 use super::{Outcome, distinct, tell};
@@ -71,6 +72,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         tell!("{damage}");
     }
     let status = &ran.status;
+    if ran.family != Family::Lms2xx {
+        tell!("scanner: {}", ran.family.name());
+    }
     tell!(
         "{}: {} scans, {} poses, {} pulses; {} profiles in {} frames, {:.1} kB a second",
         args.output.display(),

@@ -21,6 +21,7 @@ use super::{Outcome, tell};
 Examples:
   crossfall serve --device serial:/dev/ttyUSB0 --into drives
   crossfall serve drive.mcap --speed 5
+  crossfall serve --device emulated
   crossfall serve --device tcp:192.168.0.7:4000 --listen 0.0.0.0:8080")]
 pub struct Args {
     #[command(flatten)]
@@ -42,7 +43,8 @@ pub struct SourceArgs {
     /// A log or a capture to replay
     #[arg(value_name = "FILE", required_unless_present = "device", conflicts_with = "device")]
     file: Option<PathBuf>,
-    /// The board: serial:PATH, serial:PATH@BAUD (1,000,000 unless told) or tcp:HOST:PORT
+    /// The board: serial:PATH, serial:PATH@BAUD (1,000,000 unless told), tcp:HOST:PORT or
+    /// emulated (the board's image in QEMU, on a simulated drive)
     #[arg(short, long)]
     device: Option<Device>,
     /// Speed of a replay, times real time

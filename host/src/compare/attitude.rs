@@ -10,7 +10,7 @@ use crossfall_core::protocol::message::{Message, Pose};
 use crossfall_core::protocol::{Config, DeviceTime};
 use serde::Serialize;
 
-use crate::calibrate::statistics::{Residual, regress};
+use crate::calibrate::statistics::{HighPass, Residual, regress};
 use crate::capture::{Channel, Reader};
 use crate::container::Error;
 use crate::profiles::degrees;
@@ -156,7 +156,7 @@ fn hold(first: &Unit, second: &Unit) -> Comparison {
             residuals.push(Residual { seconds, slope_deg, rate_deg_us, ..Residual::default() });
         }
     }
-    let lag = regress(&residuals);
+    let lag = regress(&residuals, HighPass::GENTLE);
     let told = !residuals.is_empty() && lag.slope_se <= MAX_LAG_SE_US;
     Comparison {
         poses: roll.len(),

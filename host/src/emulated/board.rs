@@ -87,6 +87,16 @@ impl Emulator {
     /// # Errors
     /// When QEMU is missing, does not start, or does not connect in time.
     pub fn start(image: &Path, options: &Options) -> io::Result<Self> {
+        let (mut board, link) = Self::boot(image, options)?;
+        board.link = Collector::start(link);
+        Ok(board)
+    }
+
+    /// Boots an image and leaves its link to the caller, who must read it: QEMU waits for that. [`Emulator::link`] hears nothing then.
+    ///
+    /// # Errors
+    /// As [`Emulator::start`].
+    pub(super) fn boot(image: &Path, options: &Options) -> io::Result<(Self, TcpStream)> {
         let listeners = [(); 6].map(|()| TcpListener::bind("127.0.0.1:0"));
         let mut ports = Vec::new();
         for listener in &listeners {
@@ -125,9 +135,9 @@ impl Emulator {
         let (link, lidar, ins, pulse, monitor) = (stream()?, stream()?, stream()?, stream()?, stream()?);
         let bench = stream()?;
         bench.set_nonblocking(true)?;
-        Ok(Self {
+        let board = Self {
             commands: link.try_clone()?,
-            link: Collector::start(link),
+            link: Collector::deaf(),
             lidar: SensorEnd { stream: lidar, sent: 0 },
             ins: SensorEnd { stream: ins, sent: 0 },
             pulse,
@@ -135,7 +145,8 @@ impl Emulator {
             sequencer: Sequencer::new(),
             monitor: Monitor::open(monitor)?,
             child: guard.release(),
-        })
+        };
+        Ok((board, link))
     }
 
     /// One edge of the pulse per second, captured at this value of the board's counter.

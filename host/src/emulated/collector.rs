@@ -31,6 +31,12 @@ struct State {
 }
 
 impl Collector {
+    /// One to which nothing is sent.
+    pub(super) fn deaf() -> Self {
+        let state = State { closed: true, ..State::default() };
+        Self { shared: Arc::new(Shared { state: Mutex::new(state), arrived: Condvar::new() }) }
+    }
+
     pub(super) fn start(mut stream: TcpStream) -> Self {
         let shared = Arc::new(Shared { state: Mutex::default(), arrived: Condvar::new() });
         let reader = Arc::clone(&shared);

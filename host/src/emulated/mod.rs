@@ -3,6 +3,7 @@
 //! The image is the one that a user flashes. QEMU listens nowhere: it connects to ports of the loopback interface that are opened for it,
 //! and it is ended with the [`Emulator`] that started it, also when this program is killed.
 
+mod bench;
 mod board;
 mod collector;
 mod drive;
@@ -11,6 +12,7 @@ mod monitor;
 pub mod scanner;
 mod survey;
 
+pub use bench::Bench;
 pub use board::{Emulator, Failure, Options, SensorEnd};
 pub use collector::Collector;
 pub use drive::{Act, Played, Step, every_second};

@@ -12,6 +12,7 @@ mod more;
 mod raster;
 mod section;
 mod variation;
+mod view;
 
 use plotters::prelude::*;
 use plotters::style::text_anchor::Pos;
@@ -25,6 +26,7 @@ pub use more::{errors, runs, variation};
 pub use raster::png;
 pub use section::section;
 pub use variation::{Across, across};
+pub use view::view;
 
 /// A picture could not be drawn.
 #[derive(Debug, thiserror::Error)]

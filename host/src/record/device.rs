@@ -1,13 +1,16 @@
-//! Where a board is: behind a serial port, or behind a TCP address (a serial server, an emulator).
+//! Where a board is: behind a serial port, behind a TCP address (a serial server, an emulator), or in QEMU.
 
 use std::fmt;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
+use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
 
 use crossfall_core::protocol::frame::MAX_COMMAND_FRAME;
 use crossfall_core::protocol::message::Command;
+
+use crate::emulated::Bench;
 
 /// The board's baud rate on the link (docs/hardware.md).
 pub const BAUD: u32 = 1_000_000;
@@ -23,7 +26,7 @@ pub trait Port: Read + Write + Send {}
 
 impl<T: Read + Write + Send> Port for T {}
 
-/// `serial:PATH`, `serial:PATH@BAUD` or `tcp:HOST:PORT`.
+/// `serial:PATH`, `serial:PATH@BAUD`, `tcp:HOST:PORT`, `emulated` or `emulated:IMAGE`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Device {
     /// A serial port, 8N1 without flow control.
@@ -38,13 +41,18 @@ pub enum Device {
         /// Host and port.
         address: String,
     },
+    /// The board in QEMU, on a simulated drive.
+    Emulated {
+        /// Its image, if not the one that was built in this repository.
+        image: Option<PathBuf>,
+    },
 }
 
 impl FromStr for Device {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        const EXPECTED: &str = "expected serial:PATH, serial:PATH@BAUD or tcp:HOST:PORT";
+        const EXPECTED: &str = "expected serial:PATH, serial:PATH@BAUD, tcp:HOST:PORT or emulated";
         match text.split_once(':') {
             Some(("serial", place)) => {
                 let (path, baud) = match place.rsplit_once('@') {
@@ -65,6 +73,8 @@ impl FromStr for Device {
                 }
                 _ => Err(format!("`{address}` is no host and port; {EXPECTED}")),
             },
+            None if text == "emulated" => Ok(Self::Emulated { image: None }),
+            Some(("emulated", image)) if !image.is_empty() => Ok(Self::Emulated { image: Some(image.into()) }),
             _ => Err(EXPECTED.to_owned()),
         }
     }
@@ -75,6 +85,8 @@ impl fmt::Display for Device {
         match self {
             Self::Serial { path, baud } => write!(f, "serial:{path}@{baud}"),
             Self::Tcp { address } => write!(f, "tcp:{address}"),
+            Self::Emulated { image: None } => f.write_str("emulated"),
+            Self::Emulated { image: Some(image) } => write!(f, "emulated:{}", image.display()),
         }
     }
 }
@@ -94,6 +106,7 @@ impl Device {
                 stream.set_write_timeout(Some(CONNECT))?;
                 Box::new(stream)
             }
+            Self::Emulated { image } => Box::new(Bench::start(image.as_deref())?),
         };
         identify(&mut port)?;
         Ok(port)
@@ -131,6 +144,8 @@ mod tests {
         assert_eq!("serial:COM3@115200".parse(), serial("COM3", 115_200));
         assert_eq!("tcp:localhost:4000".parse(), Ok(Device::Tcp { address: "localhost:4000".to_owned() }));
         assert_eq!("tcp:[::1]:4000".parse(), Ok(Device::Tcp { address: "[::1]:4000".to_owned() }));
+        assert_eq!("emulated".parse(), Ok(Device::Emulated { image: None }));
+        assert_eq!("emulated:a.elf".parse(), Ok(Device::Emulated { image: Some("a.elf".into()) }));
         for wrong in [
             "",
             "serial:",
@@ -142,6 +157,8 @@ mod tests {
             "tcp::1",
             "tcp:h:70000",
             "udp:h:1",
+            "emulate",
+            "emulated:",
         ] {
             assert!(wrong.parse::<Device>().unwrap_err().contains("expected serial:PATH"), "{wrong}");
         }

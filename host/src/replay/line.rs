@@ -139,6 +139,7 @@ fn open(device: &Device) -> io::Result<Port> {
             Ok(Port::Tcp(stream))
         }
         Device::Serial { path, baud } => Ok(Port::Serial(serialport::new(path, *baud).timeout(FULL).open()?)),
+        Device::Emulated { .. } => Err(io::Error::new(ErrorKind::Unsupported, "an emulated board has its own sensors")),
     }
 }
 

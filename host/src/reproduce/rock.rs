@@ -11,9 +11,9 @@ use crossfall_core::protocol::Config;
 const OFFSET_DEG: f64 = 0.8;
 const DELAY_US: f64 = 1_500.0;
 
-/// The scanner's height, and how far to both sides the ground is looked at, in metres.
+/// The scanner's height, and how far to both sides the ground is even, in metres: so far it is looked at.
 const HEIGHT_M: f64 = 2.5;
-const REACH_M: f64 = 3.0;
+const REACH_M: f64 = 4.0;
 
 /// The scene of a rock test.
 fn scene(bench: &Bench, range_noise_mm: f64) -> Scene {

@@ -1,13 +1,14 @@
-//! The laser scanner of a simulated drive: an LMS 291, half-degree scans in millimetres, every beam cast at its own instant.
+//! The laser scanner of a simulated drive, half-degree scans in millimetres, every beam cast at its own instant.
 //!
-//! A scan is two turns of the mirror: whole degrees in the first, half degrees in the second (SENSORS: "Timing"; SICK telegram listing,
-//! command B0h). While it turns, the vehicle rolls and drives on.
+//! An LMS 291's scan is two turns of the mirror: whole degrees in the first, half degrees in the second (SENSORS: "Timing"; SICK telegram listing,
+//! command B0h). An LMS 111's is one turn, see [`cola`](super::cola). While the mirror turns, the vehicle rolls and drives on.
 
 use crossfall_core::sensors::lms2xx;
 
+use super::cola;
 use super::motion::Attitude;
 use super::noise::{Noise, Purpose};
-use super::scene::{Scanner, Scene, Vegetation};
+use super::scene::{Kind, Scanner, Scene, Vegetation};
 use super::section::{Road, Section, cast};
 use super::surface::Surface;
 
@@ -74,11 +75,53 @@ impl<'a> Lms<'a> {
     /// How long a turn takes with this scanner's motor.
     #[must_use]
     pub fn turn_s(scanner: &Scanner) -> f64 {
-        TURN_S / (1.0 + scanner.motor_error_ppm * 1e-6)
+        let turn_s = match scanner.kind {
+            Kind::Lms291 => TURN_S,
+            Kind::Lms111 => cola::TURN_S,
+        };
+        turn_s / (1.0 + scanner.motor_error_ppm * 1e-6)
+    }
+
+    /// From one scan to the next.
+    #[must_use]
+    pub fn scan_s(scanner: &Scanner) -> f64 {
+        Self::turns(scanner) * Self::turn_s(scanner)
+    }
+
+    /// From the first beam of a scan to the mean instant of all: half a turn is measured in each, and turns follow each other.
+    #[must_use]
+    pub fn middle_s(scanner: &Scanner) -> f64 {
+        (0.25 + (Self::turns(scanner) - 1.0) / 2.0) * Self::turn_s(scanner)
+    }
+
+    fn turns(scanner: &Scanner) -> f64 {
+        match scanner.kind {
+            Kind::Lms291 => 2.0,
+            Kind::Lms111 => 1.0,
+        }
     }
 
     /// One scan that starts at a time of the drive.
     pub fn scan(&mut self, number: usize, start_s: f64) -> Telegram {
+        match self.scanner.kind {
+            Kind::Lms291 => self.two_turns(number, start_s),
+            Kind::Lms111 => self.one_turn(number, start_s),
+        }
+    }
+
+    fn one_turn(&mut self, number: usize, start_s: f64) -> Telegram {
+        let turn_s = Self::turn_s(self.scanner);
+        let mut values = [NO_ECHO; BEAMS];
+        for (i, value) in values.iter_mut().enumerate() {
+            let degrees = i as f64 / 2.0;
+            *value = self.beam(number, degrees, start_s + degrees / 360.0 * turn_s);
+        }
+        let sent_s = start_s + turn_s;
+        let bytes = cola::telegram(number, start_s, sent_s, turn_s, &values);
+        Telegram { arrival_s: sent_s + self.scanner.delay_us * 1e-6, start_s, bytes }
+    }
+
+    fn two_turns(&mut self, number: usize, start_s: f64) -> Telegram {
         let turn_s = Self::turn_s(self.scanner);
         let mut values = [NO_ECHO; BEAMS];
         for odd in 0..2 {

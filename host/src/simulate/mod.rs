@@ -3,6 +3,7 @@
 //! The same scene and seed give the same bytes on every platform: see [`noise`]. Simplifications: the vehicle rolls about the
 //! scanner; pitch is in the poses alone; the ground varies across and slowly along the road.
 
+pub mod cola;
 pub mod lms;
 pub mod motion;
 pub mod noise;
@@ -53,7 +54,7 @@ pub struct Summary {
 /// The number of scans of a scene.
 #[must_use]
 pub fn scans(scene: &Scene) -> usize {
-    (libm::floor(scene.drive.seconds / (2.0 * Lms::turn_s(&scene.scanner))) as usize).max(1)
+    (libm::floor(scene.drive.seconds / Lms::scan_s(&scene.scanner)) as usize).max(1)
 }
 
 /// Simulates a drive into a capture, in the order of time. `progress` is told the number of scans done.
@@ -63,7 +64,7 @@ pub fn scans(scene: &Scene) -> usize {
 pub fn simulate(scene: &Scene, capture: &mut Writer, mut progress: impl FnMut(usize)) -> Result<Summary, Error> {
     let seed = scene.drive.seed;
     let count = scans(scene);
-    let scan_s = 2.0 * Lms::turn_s(&scene.scanner);
+    let scan_s = Lms::scan_s(&scene.scanner);
     let end_s = LEAD_S + count as f64 * scan_s + TAIL_S;
     let attitude = Attitude::new(&scene.vehicle, &mut Noise::new(seed, Purpose::Motion));
     let length_m = scene.drive.start_m + end_s * scene.drive.speed_m_s;
@@ -102,9 +103,8 @@ pub fn simulate(scene: &Scene, capture: &mut Writer, mut progress: impl FnMut(us
                 return Err(Error::Interrupted);
             }
             capture.write(Channel::Lidar, device_ns(next), &now.bytes)?;
-            let turn_s = scan_s / 2.0;
-            // Beams of both turns: half a turn of measuring in each, a turn apart.
-            let middle_s = now.start_s + 0.75 * turn_s;
+            let turn_s = Lms::turn_s(&scene.scanner);
+            let middle_s = now.start_s + Lms::middle_s(&scene.scanner);
             let station_m = scene.drive.start_m + scene.drive.speed_m_s * middle_s;
             summary.truth.push(truth::Row {
                 scan,

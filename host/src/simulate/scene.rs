@@ -108,10 +108,23 @@ pub struct Oscillation {
     pub frequency_hz: f64,
 }
 
-/// The laser scanner: an LMS 291 at 180 degrees in steps of half a degree, in millimetres.
+/// A kind of scanner.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// An LMS 291 at 180 degrees in steps of half a degree.
+    #[default]
+    Lms291,
+    /// An LMS 111 at 270 degrees in steps of half a degree, 50 scans a second, in CoLa B.
+    Lms111,
+}
+
+/// The laser scanner, in millimetres.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Scanner {
+    /// What it is.
+    pub kind: Kind,
     /// The scanner's own tilt about the forward axis.
     pub mounting_offset_deg: f64,
     /// Whether beam 0 looks to the left.
@@ -336,6 +349,7 @@ impl Default for Vehicle {
 impl Default for Scanner {
     fn default() -> Self {
         Self {
+            kind: Kind::default(),
             mounting_offset_deg: 0.0,
             mirrored: false,
             delay_us: 0.0,

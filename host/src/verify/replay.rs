@@ -30,7 +30,6 @@ pub struct Replay {
     session_known: bool,
     /// Unsure because the log begins in the middle of a session.
     joining: bool,
-    scan: RawScan,
     /// Profiles that came out the same.
     pub reproduced: u64,
     /// Profiles that could not be recomputed for want of what was lost or came before the log began.
@@ -49,7 +48,6 @@ impl Default for Replay {
             unsure: Unsure::default(),
             session_known: false,
             joining: false,
-            scan: RawScan::EMPTY,
             reproduced: 0,
             unverifiable: 0,
             joined: 0,
@@ -69,7 +67,7 @@ impl Replay {
         self.unsure.config = config.is_none();
         self.gap();
         if let Some(config) = config {
-            self.survey(&Message::Config(*config));
+            self.survey(&Event::Message(Message::Config(*config)));
         }
     }
 
@@ -79,14 +77,33 @@ impl Replay {
         *self = Self { reproduced, unverifiable, joined, ..Self::default() };
     }
 
-    /// The next message of the log.
+    /// The next scan of the log, or the number of one whose ranges do not decode.
+    pub fn scan(&mut self, scan: Result<&RawScan, (u32, DeviceTime)>, problems: &mut Vec<String>) {
+        let (index, stx) = scan.map_or_else(|named| named, |scan| (scan.index, scan.stx));
+        if !self.session_known || !self.survey.is_running() {
+            self.join_at(stx);
+        }
+        self.unsure.scans = self.unsure.scans.saturating_sub(1);
+        if self.skip.take() == Some(Skip::Scan(index)) {
+            return;
+        }
+        match scan {
+            Ok(scan) => self.survey(&Event::Scan(scan)),
+            Err(_) => {
+                problems.push(format!("the ranges of scan {index} do not decode"));
+                self.gap();
+            }
+        }
+    }
+
+    /// The next message of the log that is no scan.
     pub fn take(&mut self, message: &Message<'_>, problems: &mut Vec<String>) {
         self.join(message);
         match message {
             Message::Profile(profile) => self.compare(profile, problems),
             Message::Config(_) => {
                 self.unsure.config = false;
-                self.survey(message);
+                self.survey(&Event::Message(*message));
             }
             Message::Skip(skip) => self.skip = Some(*skip),
             // A mapping that no pulse of this log has made: the log begins within a drive.
@@ -112,22 +129,10 @@ impl Replay {
                     problems.push(format!("pose timed {} us, recomputed {ours}", pose.time.0));
                 }
                 if self.skip.take() != Some(Skip::Pose(pose.time)) {
-                    self.survey(message);
+                    self.survey(&Event::Message(*message));
                 }
             }
-            Message::Scan(scan) => {
-                self.unsure.scans = self.unsure.scans.saturating_sub(1);
-                if self.skip.take() == Some(Skip::Scan(scan.index)) {
-                    return;
-                }
-                if !self.survey(message) {
-                    problems.push(format!("the ranges of scan {} do not decode", scan.index));
-                    self.gap();
-                }
-            }
-            _ => {
-                self.survey(message);
-            }
+            _ => self.survey(&Event::Message(*message)),
         }
     }
 
@@ -139,16 +144,19 @@ impl Replay {
                 self.session_known = true;
                 return;
             }
-            Message::Scan(scan) if !self.session_known || !self.survey.is_running() => scan.stx,
             Message::Pose(Pose { time, .. }) | Message::Pulse(Pulse { time, .. }) if !self.session_known => *time,
             Message::Profile(Profile { time, .. }) if !self.session_known => *time,
             Message::Clock(_) if !self.session_known => DeviceTime(0),
             _ => return,
         };
+        self.join_at(time);
+    }
+
+    fn join_at(&mut self, time: DeviceTime) {
         self.joining = !self.session_known;
         self.session_known = true;
         self.gap();
-        self.survey(&Message::Session(Session::Started(time)));
+        self.survey(&Event::Message(Message::Session(Session::Started(time))));
     }
 
     /// The log has ended: profiles that should have followed.
@@ -160,15 +168,9 @@ impl Replay {
         (left > 0 && stopped && !self.is_unsure()).then(|| format!("{left} profiles are missing at the end"))
     }
 
-    fn survey(&mut self, message: &Message<'_>) -> bool {
+    fn survey(&mut self, event: &Event<'_>) {
         let expected = &mut self.expected;
-        match Event::of(message, &mut self.scan) {
-            Ok(event) => {
-                self.survey.take(&event, &mut |profile| expected.push_back(profile));
-                true
-            }
-            Err(_) => false,
-        }
+        self.survey.take(event, &mut |profile| expected.push_back(profile));
     }
 
     fn is_unsure(&self) -> bool {

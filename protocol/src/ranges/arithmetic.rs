@@ -88,14 +88,22 @@ impl<'a> Writer<'a> {
 }
 
 /// Reads a code.
+///
+/// What the next byte or symbol is cannot be foreseen, and a processor that guesses wrong loses more time than a symbol takes: so the steps here
+/// compute where they could branch.
 pub struct Reader<'a> {
     /// The code's number less the interval's low end.
     ahead: u32,
     low: u32,
     range: u32,
-    rest: core::slice::Iter<'a, u8>,
-    /// Zeros supplied past the code's end.
-    supplied: usize,
+    /// The next bytes, the first on top.
+    window: u64,
+    /// How many bytes of the window are left; zeros follow those that the code has.
+    left: u32,
+    rest: &'a [u8],
+    /// Bytes taken in, those supplied past the code's end included.
+    pulled: usize,
+    len: usize,
     sound: bool,
     ends_in_zero: bool,
 }
@@ -106,35 +114,46 @@ impl<'a> Reader<'a> {
             ahead: 0,
             low: 0,
             range: u32::MAX,
-            rest: code.iter(),
-            supplied: 0,
+            window: 0,
+            left: 0,
+            rest: code,
+            pulled: 0,
+            len: code.len(),
             sound: true,
             ends_in_zero: code.last() == Some(&0),
         };
-        for _ in 0..4 {
-            reader.pull();
-        }
+        reader.pull(3);
+        reader.pull(1);
         reader
     }
 
     /// Where in 0..4,096 the next symbol lies. To be followed by [`Reader::take`].
+    #[inline(always)]
     pub fn peek(&self) -> u32 {
         let part = (self.range >> WHOLE_BITS).max(1);
         (self.ahead / part).min((1 << WHOLE_BITS) - 1)
     }
 
+    #[inline(always)]
     pub fn take(&mut self, start: u32, size: u32) {
         let part = self.range >> WHOLE_BITS;
         self.consume(part.wrapping_mul(start), part.wrapping_mul(size));
     }
 
+    #[inline(always)]
     pub fn bits(&mut self, count: u32) -> u32 {
         let part = self.range >> count;
-        let value = (self.ahead / part.max(1)).min((1 << count) - 1);
+        // Mostly it is a sign, or nothing at all, which takes no division.
+        let value = if count <= 1 {
+            u32::from(self.ahead >= part) & count
+        } else {
+            (self.ahead / part.max(1)).min((1 << count) - 1)
+        };
         self.consume(part.wrapping_mul(value), part);
         value
     }
 
+    #[inline(always)]
     fn consume(&mut self, below: u32, range: u32) {
         self.ahead = self.ahead.wrapping_sub(below);
         self.low = self.low.wrapping_add(below);
@@ -144,19 +163,46 @@ impl<'a> Reader<'a> {
             self.sound = false;
             self.range = u32::MAX;
         }
-        while self.range < NARROW {
-            self.pull();
-            self.low <<= 8;
-            self.range <<= 8;
-        }
+        // As many bytes as bring the range to NARROW or above; it is not 0.
+        let bytes = self.range.leading_zeros() >> 3;
+        self.pull(bytes);
+        self.low <<= 8 * bytes;
+        self.range <<= 8 * bytes;
     }
 
-    fn pull(&mut self) {
-        let byte = self.rest.next().copied().unwrap_or_else(|| {
-            self.supplied += 1;
-            0
-        });
-        self.ahead = self.ahead << 8 | u32::from(byte);
+    /// Takes in 0 to 3 bytes.
+    #[inline(always)]
+    fn pull(&mut self, bytes: u32) {
+        if self.left < bytes {
+            self.refill();
+        }
+        let bits = 8 * bytes;
+        // In two steps, as none may be by 64.
+        self.ahead = self.ahead << bits | (self.window >> 1 >> (63 - bits)) as u32;
+        self.window <<= bits;
+        self.left -= bytes;
+        self.pulled += bytes as usize;
+    }
+
+    /// Fills the window, in which fewer than 3 bytes are left, with 4 more.
+    #[inline(never)]
+    fn refill(&mut self) {
+        let next = match self.rest.split_first_chunk() {
+            Some((next, rest)) => {
+                self.rest = rest;
+                *next
+            }
+            None => {
+                let mut next = [0; 4];
+                for (place, &byte) in next.iter_mut().zip(self.rest) {
+                    *place = byte;
+                }
+                self.rest = &[];
+                next
+            }
+        };
+        self.window |= u64::from(u32::from_be_bytes(next)) << (32 - 8 * self.left);
+        self.left += 4;
     }
 
     /// Whether the code so far could have been written.
@@ -167,7 +213,7 @@ impl<'a> Reader<'a> {
     /// Whether the code is the one that writing the same symbols makes.
     pub fn finish(self) -> bool {
         // A writer pushes one byte more than it has widened by; a reader is four ahead of that count.
-        let all_read = self.rest.len() == 0 && self.supplied >= 3;
+        let all_read = self.pulled >= self.len + 3;
         self.sound && all_read && !self.ends_in_zero && self.ahead == self.low.wrapping_neg() & (NARROW - 1)
     }
 }

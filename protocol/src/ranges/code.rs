@@ -13,7 +13,7 @@ use super::arithmetic::{Reader, WHOLE_BITS, Writer};
 use super::estimate::{self, Estimate, MAX_SHIFT};
 use super::predictor::{Forecast, Predictor, Steps};
 use super::residual::{BEYOND, MAGNITUDES, SPECIAL, Scale};
-use super::shares::{SHARES, STARTS};
+use super::shares::{ENDS, SHARES, STARTS};
 use crate::message::ScanMode;
 
 /// Share of "the same special value again" in 4,096.
@@ -97,6 +97,13 @@ impl State {
         (self.run > 0).then_some(self.flags | self.special)
     }
 
+    /// Out of line for the writer, which a board has and wants small; the reader is on a desk and wants it quick.
+    #[inline(never)]
+    fn expect_apart(&mut self, i: usize) -> Expectation {
+        self.expect(i)
+    }
+
+    #[inline(always)]
     fn expect(&mut self, i: usize) -> Expectation {
         if self.predicting && self.run <= BRIDGE {
             Expectation::Forecast(self.predictor.forecast(i))
@@ -105,6 +112,13 @@ impl State {
         }
     }
 
+    /// See [`State::expect_apart`].
+    #[inline(never)]
+    fn learn_apart(&mut self, value: u16, expectation: &Expectation) {
+        self.learn(value, expectation);
+    }
+
+    #[inline(always)]
     fn learn(&mut self, value: u16, expectation: &Expectation) {
         let range = value & self.geometry.mask();
         self.flags = value & !self.geometry.mask();
@@ -140,7 +154,7 @@ pub fn write(geometry: Geometry, values: &[u16], out: &mut [u8]) -> Option<usize
         if writer.is_full() {
             return None;
         }
-        let expectation = state.expect(i);
+        let expectation = state.expect_apart(i);
         let again = state.again().map(|again| again == value);
         match again {
             Some(true) => writer.symbol(0, AGAIN),
@@ -153,7 +167,7 @@ pub fn write(geometry: Geometry, values: &[u16], out: &mut [u8]) -> Option<usize
                 Expectation::Forecast(forecast) => write_value(&mut writer, &mut state, forecast, value),
             }
         }
-        state.learn(value, &expectation);
+        state.learn_apart(value, &expectation);
     }
     writer.finish()
 }
@@ -243,6 +257,7 @@ pub fn read(geometry: Geometry, code: &[u8], values: &mut [u16]) -> Option<()> {
     reader.finish().then_some(())
 }
 
+#[inline(always)]
 fn read_value(reader: &mut Reader<'_>, state: &mut State, forecast: &Forecast) -> Option<u16> {
     let geometry = state.geometry;
     let scale = Scale::of(forecast.error);
@@ -290,17 +305,14 @@ fn read_value(reader: &mut Reader<'_>, state: &mut State, forecast: &Forecast) -
     (range < geometry.first_special()).then_some(state.flags | range)
 }
 
+#[inline(always)]
 fn read_symbol(reader: &mut Reader<'_>, scale: Scale) -> u32 {
     let place = reader.peek();
-    let shares = SHARES.get(scale.row).map_or(&[][..], |row| &row[..]);
-    let (mut start, mut symbol) = (0, 0);
-    for share in shares.iter().copied().map(u32::from) {
-        if place < start + share {
-            reader.take(start, share);
-            break;
-        }
-        start += share;
-        symbol += 1;
-    }
-    symbol
+    // Counted and not searched: no branch depends on what comes.
+    let ends = ENDS.get(scale.row).map_or(&[][..], |row| &row[..]);
+    let symbol = ends.iter().map(|&end| u16::from(u32::from(end) <= place)).sum::<u16>() as usize;
+    let start = STARTS.get(scale.row).and_then(|row| row.get(symbol)).copied().unwrap_or(0);
+    let share = SHARES.get(scale.row).and_then(|row| row.get(symbol)).copied().unwrap_or(1);
+    reader.take(u32::from(start), u32::from(share));
+    symbol as u32
 }

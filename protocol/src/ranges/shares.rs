@@ -45,3 +45,19 @@ pub const STARTS: [[u16; SYMBOLS]; ROWS] = {
     }
     starts
 };
+
+/// Where the share of each symbol ends, filled up with ends that none reaches: whole registers of a processor that compares eight at a time.
+pub const ENDS: [[u16; 24]; ROWS] = {
+    let mut ends = [[u16::MAX; 24]; ROWS];
+    let mut row = 0;
+    while row < ROWS {
+        let mut symbol = 0;
+        // The last ends with the whole, beyond every place.
+        while symbol < SYMBOLS - 1 {
+            ends[row][symbol] = STARTS[row][symbol + 1];
+            symbol += 1;
+        }
+        row += 1;
+    }
+    ends
+};

@@ -34,9 +34,6 @@ fn unit(tally: &mut Tally) -> Result<(), String> {
     if std::env::var_os("CROSSFALL_RECORDINGS").is_none() {
         eprintln!("  CROSSFALL_RECORDINGS is not set: the tests over real recordings will say that they skip");
     }
-    if !shell::is_set_for_children(LONG) {
-        eprintln!("  without --long: the wire faults on the emulated board will say that they skip");
-    }
     shell::run("cargo test --workspace --no-fail-fast", "", tally)
 }
 

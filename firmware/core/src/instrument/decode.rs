@@ -12,7 +12,7 @@ use crossfall_protocol::{Config, DeviceTime, schema};
 use super::Event;
 use crate::clock::{GpsClock, GpsTime, SECOND_US};
 use crate::sensors::novatel::InsSolution;
-use crate::sensors::{lms2xx, novatel};
+use crate::sensors::{Scanner, lms2xx, novatel};
 
 /// Longest text in [`Identity::restart`].
 pub const RESTART_TEXT: usize = 64;
@@ -47,11 +47,11 @@ pub struct Losses {
     pub commands_rejected: u32,
 }
 
-/// The decode layer of one instrument. Its size is constant.
-pub struct Decode {
+/// The decode layer of one instrument, with an LMS 2xx unless told otherwise. Its size is constant.
+pub struct Decode<S = lms2xx::Decoder> {
     identity: Identity,
     config: Config,
-    lidar: lms2xx::Decoder,
+    lidar: S,
     ins: novatel::Decoder,
     state: State,
     next_status: Option<DeviceTime>,
@@ -81,10 +81,18 @@ impl Decode {
     /// A decode layer at boot: nothing is sent before [`Decode::start`].
     #[must_use]
     pub fn new(config: Config, identity: Identity) -> Self {
+        Self::with_scanner(lms2xx::Decoder::new(config.scanner.measuring_mode), config, identity)
+    }
+}
+
+impl<S: Scanner> Decode<S> {
+    /// The same with a scanner of another kind.
+    #[must_use]
+    pub fn with_scanner(lidar: S, config: Config, identity: Identity) -> Self {
         Self {
             identity,
             config,
-            lidar: lms2xx::Decoder::new(config.scanner.measuring_mode),
+            lidar,
             ins: novatel::Decoder::new(),
             state: State {
                 clock: GpsClock::default(),
@@ -123,7 +131,7 @@ impl Decode {
         &mut self,
         byte: u8,
         at: DeviceTime,
-        heard: &mut impl FnMut(&lms2xx::Event<'_>),
+        heard: &mut impl FnMut(&S::Event<'_>),
         out: &mut impl FnMut(Event<'_>),
     ) {
         let running = self.state.running;
@@ -131,7 +139,7 @@ impl Decode {
         self.lidar.push(byte, at, &mut |event| {
             happened = true;
             heard(&event);
-            scan_only(&event, running, out);
+            scan_only::<S>(&event, running, out);
         });
         if happened {
             self.tick(at, out);
@@ -141,7 +149,7 @@ impl Decode {
     /// Gives up what the scanner was saying: before its line's rate changes and before a command goes out to it.
     pub fn cut_lidar(&mut self, out: &mut impl FnMut(Event<'_>)) {
         let running = self.state.running;
-        self.lidar.finish(&mut |event| scan_only(&event, running, out));
+        self.lidar.finish(&mut |event| scan_only::<S>(&event, running, out));
     }
 
     /// One byte from the inertial unit and its own arrival.
@@ -222,7 +230,7 @@ impl Decode {
     pub fn finish(&mut self, now: DeviceTime, out: &mut impl FnMut(Event<'_>)) {
         let running = self.state.running;
         let state = &mut self.state;
-        self.lidar.finish(&mut |event| scan_only(&event, running, out));
+        self.lidar.finish(&mut |event| scan_only::<S>(&event, running, out));
         self.ins.finish(&mut |event| state.log(&event.log, out));
         self.stop(now, out);
         out(Event::Message(Message::Status(self.status(now))));
@@ -300,8 +308,8 @@ impl Decode {
     }
 }
 
-fn scan_only(event: &lms2xx::Event<'_>, running: bool, out: &mut impl FnMut(Event<'_>)) {
-    if let lms2xx::Event::Scan { scan, .. } = event
+fn scan_only<S: Scanner>(event: &S::Event<'_>, running: bool, out: &mut impl FnMut(Event<'_>)) {
+    if let Some(scan) = S::scan(event)
         && running
     {
         out(Event::Scan(scan));

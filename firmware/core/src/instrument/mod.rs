@@ -24,11 +24,13 @@ pub use survey::{Survey, WAITING};
 use crossfall_protocol::message::{Command, Message, Profile};
 use crossfall_protocol::{Config, DeviceTime};
 
+use crate::sensors::{Scanner, lms2xx};
+
 /// Both layers in one, for a desk: every event goes out first and then to the survey, whose profiles follow it.
 ///
 /// Times must not go back by more than the sensors' stamps overlap: feed bytes and pulses in the order of their arrivals.
-pub struct Instrument {
-    decode: Decode,
+pub struct Instrument<S = lms2xx::Decoder> {
+    decode: Decode<S>,
     survey: Survey,
     lidar: Line,
     ins: Line,
@@ -38,10 +40,18 @@ impl Instrument {
     /// An instrument at boot.
     #[must_use]
     pub fn new(config: Config, identity: Identity) -> Self {
+        Self::with_scanner(lms2xx::Decoder::new(config.scanner.measuring_mode), config, identity)
+    }
+}
+
+impl<S: Scanner> Instrument<S> {
+    /// The same with a scanner of another kind.
+    #[must_use]
+    pub fn with_scanner(scanner: S, config: Config, identity: Identity) -> Self {
         Self {
             lidar: Line::new(config.scanner.baud),
             ins: Line::new(config.ins.baud),
-            decode: Decode::new(config, identity),
+            decode: Decode::with_scanner(scanner, config, identity),
             survey: Survey::new(),
         }
     }
@@ -105,7 +115,7 @@ impl Instrument {
 
     /// The decode layer, for its counters.
     #[must_use]
-    pub fn decode(&self) -> &Decode {
+    pub fn decode(&self) -> &Decode<S> {
         &self.decode
     }
 }

@@ -56,10 +56,10 @@ pub fn level(scan: &RawScan, track: &RollTrack, scanner: &Scanner, points: &mut 
 #[inline(always)]
 pub fn for_each_return(scan: &RawScan, track: &RollTrack, scanner: &Scanner, mut visit: impl FnMut(Echo)) {
     let unit_um = scan.unit_um();
-    let mask = range_mask(scan.mode.measuring);
+    let window = window(scan);
     let mut beam = 0;
     sweep(scan, track, scanner, |value, direction| {
-        if let Some(units) = range_units(mask, value) {
+        if let Some(units) = range_units(window, value) {
             visit(Echo {
                 point: place_at(i32::from(units) * unit_um, direction),
                 beam,
@@ -71,27 +71,35 @@ pub fn for_each_return(scan: &RawScan, track: &RollTrack, scanner: &Scanner, mut
     });
 }
 
-/// The point at a range (below 2^29) in a direction, rounded to the nearest micrometre.
+/// The point at a range (below 2^29) in a direction, rounded to the nearest micrometre: the upper half of a product is all that is needed.
 #[inline(always)]
 fn place_at(range_um: i32, direction: Direction) -> Point {
-    let scaled = |q30: i32| ((i64::from(-range_um) * i64::from(q30) + (1 << 29)) >> 30) as i32;
+    let inward = i64::from(-range_um << 2);
+    let scaled = |q30: i32| ((inward * i64::from(q30) + (1 << 31)) >> 32) as i32;
     Point { y_um: scaled(direction.cos_q30), z_um: scaled(direction.sin_q30) }
 }
 
-/// The bits of a value that hold the range (TL, measuring modes).
-fn range_mask(measuring: u8) -> u16 {
-    match measuring {
-        0..=2 => 0x1fff,
-        3 | 4 => 0x3fff,
-        _ => 0x7fff,
+/// Which values are ranges: the bits of a value that hold it, the least range, and the first value above all ranges.
+type Window = (u16, u16, u16);
+
+/// The window of a scan.
+///
+/// An LMS 2xx has 13 to 15 bits, its special values at the top of each mode's scale (TL, measuring modes: no stop signal, dazzle, overflow, low signal,
+/// channel error, beyond maximum), and zero is none. A scanner of one turn has 16, and its special values at the bottom (no echo 0, dazzle 1,
+/// implausible 2, up to 15 for filters), below the 0.5 m that it sees.
+fn window(scan: &RawScan) -> Window {
+    match scan.mode.measuring {
+        0..=2 => (0x1fff, 1, 0x1fff - 8),
+        3 | 4 => (0x3fff, 1, 0x3fff - 8),
+        _ if scan.one_turn_us().is_some() => (0xffff, 16, 0xffff),
+        _ => (0x7fff, 1, 0x7fff - 8),
     }
 }
 
-/// The range in a value, in units of the scan, or nothing for the special values at the top of each mode's scale
-/// (TL, measuring modes: no stop signal, dazzle, overflow, low signal, channel error, beyond maximum) and for zero.
-fn range_units(mask: u16, value: u16) -> Option<u16> {
+/// The range in a value, in units of the scan, or nothing for a special value.
+fn range_units((mask, least, above): Window, value: u16) -> Option<u16> {
     let range = value & mask;
-    (range != 0 && range < mask - 8).then_some(range)
+    (range >= least && range < above).then_some(range)
 }
 
 #[cfg(test)]

@@ -7,6 +7,6 @@ mod roll_track;
 mod sweep;
 
 pub use level::{Echo, Point, Points, for_each_return, level};
-pub use raw::{MAX_BEAMS, RawScan, TURN_US};
+pub use raw::{MAX_BEAMS, ONE_TURN, PERIODS_US, RawScan, TURN_US};
 pub use resample::resample;
 pub use roll_track::{KNOTS, MAX_TURNS, RollTrack};

@@ -1,4 +1,8 @@
-//! One scan as it left the decoder, and the geometry and timing of its beams (SICK telegram listing, command B0h).
+//! One scan as it left the decoder, and the geometry and timing of its beams.
+//!
+//! Two families of scanners are told apart by the measuring mode. Modes 00h to 06h are an LMS 2xx's (SICK telegram listing, command B0h): a scan in
+//! half degrees is two turns of the mirror. From [`ONE_TURN`] on, one for each of [`PERIODS_US`], they are those of scanners that measure every
+//! beam of a scan in a single turn (`sensors::cola`), whose values are ranges up to the highest bit.
 
 use crossfall_protocol::message::ScanMode;
 use crossfall_protocol::{Angle, DeviceTime};
@@ -8,6 +12,12 @@ pub const MAX_BEAMS: usize = 401;
 
 /// One turn of the mirror: 90 motor steps of 148 microseconds.
 pub const TURN_US: i32 = 13_320;
+
+/// The measuring mode of a scan in one turn that takes the first of [`PERIODS_US`]; the others follow.
+pub const ONE_TURN: u8 = 0x10;
+
+/// Microseconds of a turn at 25, 35, 50, 75 and 100 turns a second.
+pub const PERIODS_US: [i32; 5] = [40_000, 28_571, 20_000, 13_333, 10_000];
 
 /// One scan: the sensor's own values and what is needed to read them.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -52,10 +62,20 @@ impl RawScan {
         &self.values[..self.beams()]
     }
 
-    /// Micrometres in one unit of a value: 10,000 or 1,000.
+    /// The period of a scan that was measured in one turn of its mirror, in microseconds; nothing for an LMS 2xx.
+    #[must_use]
+    pub fn one_turn_us(&self) -> Option<i32> {
+        PERIODS_US.get(usize::from(self.mode.measuring.checked_sub(ONE_TURN)?)).copied()
+    }
+
+    /// Micrometres in one unit of a value: 10,000 or 1,000, and 2,000 or 1,000 for a scan in one turn.
     #[must_use]
     pub fn unit_um(&self) -> i32 {
-        if self.layout >> 14 == 1 { 1_000 } else { 10_000 }
+        match (self.layout >> 14, self.one_turn_us()) {
+            (2, Some(_)) => 2_000,
+            (1, _) | (_, Some(_)) => 1_000,
+            _ => 10_000,
+        }
     }
 
     /// Whether this is one partial scan (a single turn of an interlaced scan) and, if so, which: 0 for .00 to 3 for .75.
@@ -74,6 +94,18 @@ impl RawScan {
     #[must_use]
     pub fn turns(&self) -> usize {
         match self.step_cdeg() {
+            _ if self.one_turn_us().is_some() => 1,
+            25 => 4,
+            50 => 2,
+            _ => 1,
+        }
+    }
+
+    /// Beams of one turn to a degree: 1, and up to 4 for a scan in one turn.
+    #[must_use]
+    pub fn beams_a_degree(&self) -> usize {
+        match self.step_cdeg() {
+            _ if self.one_turn_us().is_none() => 1,
             25 => 4,
             50 => 2,
             _ => 1,
@@ -98,14 +130,25 @@ impl RawScan {
     /// The instant of the angle 0 of the first turn: STX less the turns of the scan, less the configured delay.
     #[must_use]
     pub fn start(&self, delay_us: i32) -> DeviceTime {
-        self.stx.offset(-i64::from(self.turns() as i32 * TURN_US) - i64::from(delay_us))
+        let whole_us = self.one_turn_us().unwrap_or(self.turns() as i32 * TURN_US);
+        self.stx.offset(-i64::from(whole_us) - i64::from(delay_us))
     }
 
-    /// When value `i` was measured, in nanoseconds after [`RawScan::start`]: 37 us a degree, one turn later for each
+    /// How long the mirror takes to turn by an angle of at most a turn, in nanoseconds: 37 us a degree, or by the period.
+    #[must_use]
+    pub fn sweep_ns(&self, cdeg: u32) -> i32 {
+        match self.one_turn_us() {
+            None => cdeg as i32 * 370,
+            // 36,000 hundredths of a degree in a period of so many thousand nanoseconds: at most 36,000 * 40,000 before the division.
+            Some(period_us) => cdeg as i32 * period_us / 36,
+        }
+    }
+
+    /// When value `i` was measured, in nanoseconds after [`RawScan::start`]: as the mirror sweeps, one turn later for each
     /// step within a degree (interlace: the turns of a scan are a step apart, the output is sorted by angle).
     #[must_use]
     pub fn beam_ns(&self, i: usize) -> i32 {
         let turn = if self.turns() == 1 { 0 } else { (i % self.turns()) as i32 };
-        turn * TURN_US * 1_000 + self.beam_cdeg(i) as i32 * 370
+        turn * TURN_US * 1_000 + self.sweep_ns(self.beam_cdeg(i))
     }
 }

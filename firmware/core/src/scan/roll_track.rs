@@ -34,7 +34,7 @@ impl RollTrack {
     #[must_use]
     pub fn knot_ns(scan: &RawScan, turn: usize, knot: usize) -> i32 {
         let first = scan.beam_ns(turn);
-        let span_ns = i32::from(scan.mode.span_deg) * 37_000;
+        let span_ns = scan.sweep_ns(u32::from(scan.mode.span_deg) * 100);
         first + (span_ns / (KNOTS as i32 - 1)) * knot as i32
     }
 
@@ -50,21 +50,21 @@ impl RollTrack {
     pub fn course(&self, scan: &RawScan, i: usize) -> (Angle, Angle, usize) {
         let turns = scan.turns();
         let (turn, place) = (i % turns, i / turns);
-        // Beams of one turn are a degree apart. In units of 1/16 of the span: 16 * place / span.
-        let span = usize::from(scan.mode.span_deg).max(1);
+        // In units of 1/16 of the span, which is so many beams of the turn: a degree each, or a part of one. 16 * place / span.
+        let span = (usize::from(scan.mode.span_deg) * scan.beams_a_degree()).clamp(1, 1_020);
         let scaled = place * INTERVALS;
         let knot = (scaled / span).min(INTERVALS - 1);
         let rest = (scaled - knot * span) as i32;
         let (a, b) = (self.knots[turn & (MAX_TURNS - 1)][knot], self.knots[turn & (MAX_TURNS - 1)][knot + 1]);
-        // floor(step * rest / span) from quotient and remainder of step: no product exceeds 32 bits, as rest <= span
+        // floor(step * rest / span) from quotient and remainder of step: no product exceeds 32 bits, as rest <= span <= 1,020
         // within the scan (and 401 * 16 for a malformed one, whose quotient may wrap as angles do).
-        let (step, degrees) = ((b - a).0, span as i32);
-        let (quotient, remainder) = (step.div_euclid(degrees), step.rem_euclid(degrees));
+        let (step, places) = ((b - a).0, span as i32);
+        let (quotient, remainder) = (step.div_euclid(places), step.rem_euclid(places));
         let over = |rest: i32, rounding: i32| {
-            Angle(quotient.wrapping_mul(rest).wrapping_add((remainder * rest + rounding) / degrees))
+            Angle(quotient.wrapping_mul(rest).wrapping_add((remainder * rest + rounding) / places))
         };
-        let places = if knot == INTERVALS - 1 { usize::MAX } else { ((knot + 1) * span - scaled).div_ceil(INTERVALS) };
-        (a + over(rest, 0), over(INTERVALS as i32, degrees / 2), places)
+        let left = if knot == INTERVALS - 1 { usize::MAX } else { ((knot + 1) * span - scaled).div_ceil(INTERVALS) };
+        (a + over(rest, 0), over(INTERVALS as i32, places / 2), left)
     }
 }
 

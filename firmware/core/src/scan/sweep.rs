@@ -1,7 +1,7 @@
 //! The levelled direction of one beam after another.
 //!
-//! Beams of one mirror turn are a degree apart and roll is linear between knots, so a beam looks where its neighbour in the same turn did,
-//! turned by an angle that is the same from knot to knot: four products instead of a sine and a cosine. The direction is found anew at each
+//! Beams of one mirror turn are equally far apart - a degree, of scans in a single turn also a half or a quarter - and roll is linear between
+//! knots, so a beam looks where its neighbour in the same turn did, turned by an angle that is the same from knot to knot: four products instead of a sine and a cosine. The direction is found anew at each
 //! knot. Errors: a turn of one beam is rounded to the unit of an angle and its products to 2^-30, which in the 13 beams of an interval at
 //! most adds up to 3e-8: a micrometre at 32 m.
 
@@ -19,9 +19,6 @@ struct Pointer {
     /// From one beam of the turn to the next.
     step: Direction,
 }
-
-/// Between neighbouring beams of a turn.
-const DEGREE: Angle = Angle::from_microdegrees(1_000_000);
 
 const AHEAD: Direction = Direction { cos_q30: trig::ONE_Q30, sin_q30: 0 };
 
@@ -55,12 +52,17 @@ impl Pointer {
     #[inline(never)]
     fn at(beam: usize, scan: &RawScan, track: &RollTrack, scanner: &Scanner) -> (Self, usize) {
         let (roll, gain, places) = track.course(scan, beam);
-        let (theta, degree) = match scanner.mirrored {
-            false => (scan.beam_angle(beam), DEGREE),
-            true => (Angle(i32::MIN) - scan.beam_angle(beam), Angle::ZERO - DEGREE),
+        let apart = match scan.beams_a_degree() {
+            4 => const { Angle::from_microdegrees(250_000) },
+            2 => const { Angle::from_microdegrees(500_000) },
+            _ => const { Angle::from_microdegrees(1_000_000) },
+        };
+        let (theta, apart) = match scanner.mirrored {
+            false => (scan.beam_angle(beam), apart),
+            true => (Angle(i32::MIN) - scan.beam_angle(beam), Angle::ZERO - apart),
         };
         let direction = trig::direction(theta + roll + scanner.mounting_offset);
-        (Self { direction, step: trig::direction(degree + gain) }, places)
+        (Self { direction, step: trig::direction(apart + gain) }, places)
     }
 }
 
@@ -79,7 +81,7 @@ mod tests {
     use crossfall_protocol::message::ScanMode;
 
     use super::*;
-    use crate::scan::MAX_BEAMS;
+    use crate::scan::{MAX_BEAMS, ONE_TURN};
 
     #[test]
     fn every_direction_is_that_of_its_beam_within_3e_8() {
@@ -88,14 +90,20 @@ mod tests {
         for (k, knot) in track.knots.iter_mut().flatten().enumerate() {
             *knot = Angle::from_microdegrees(8_000_000 - (k as i32 * 7_919 % 40) * 41_000);
         }
-        for (span_deg, step_cdeg, layout) in
-            [(180u8, 50u8, 361u16), (180, 100, 181), (100, 25, 401), (180, 50, 181 | 3 << 12)]
-        {
+        for (span_deg, step_cdeg, layout, measuring) in [
+            (180u8, 50u8, 361u16, 6),
+            (180, 100, 181, 6),
+            (100, 25, 401, 6),
+            (180, 50, 181 | 3 << 12, 6),
+            (180, 50, 361, ONE_TURN + 2),
+            (180, 100, 181, ONE_TURN),
+            (100, 25, 401, ONE_TURN + 1),
+        ] {
             let scan = RawScan {
                 index: 0,
                 stx: DeviceTime(0),
                 layout,
-                mode: ScanMode { span_deg, step_cdeg, measuring: 6 },
+                mode: ScanMode { span_deg, step_cdeg, measuring },
                 status: 0,
                 counters: None,
                 values: [0; MAX_BEAMS],

@@ -16,6 +16,10 @@ pub fn second(noise_m: f64) -> Vec<Family> {
         Family { roll_deg: 5.0, ..plain("roll to 5 degrees") },
         Family { has_opposing: false, ..plain("no opposing slope") },
         Family { has_opposing: false, ..Family::grass("no opposing slope, grass", noise_m) },
+        Family { undulation_m: 0.008, adjacent_m: (5.0, 8.0), opposing_m: (5.0, 8.0), ..plain("undulation 8 mm") },
+        Family { undulation_m: 0.015, adjacent_m: (5.0, 8.0), opposing_m: (5.0, 8.0), ..plain("undulation 15 mm") },
+        Family { cut: true, ..plain("cut") },
+        Family { cut: true, ..Family::grass("cut, grass", noise_m) },
         Family { slopes_deg: (0.0, 3.0), ..plain("flat, below the limits") },
         Family { slopes_deg: (0.0, 3.0), ..Family::grass("flat, grass", noise_m) },
     ]

@@ -39,6 +39,11 @@ pub struct Family {
     pub guardrail: bool,
     /// Micrometres in a unit of range: 1,000 or 10,000.
     pub unit_um: i32,
+    /// One sigma of the height of undulations beyond the road's edge, and their shortest and longest wave.
+    pub undulation_m: f64,
+    pub waves_m: (f64, f64),
+    /// The road lies in a cut: the adjacent slope rises, level ground follows.
+    pub cut: bool,
 }
 
 impl Family {
@@ -60,6 +65,9 @@ impl Family {
             rounded_m: 0.0,
             guardrail: false,
             unit_um: 1_000,
+            undulation_m: 0.0,
+            waves_m: (2.0, 12.0),
+            cut: false,
         }
     }
 
@@ -97,7 +105,8 @@ fn tan(degrees: f64) -> f64 {
 /// One side's vertices going outward, after the road edge at (`edge`, `z`).
 fn side(family: &Family, random: &mut Random, edge: f64, road_deg: f64, height: f64) -> (Vec<Vertex>, Truth) {
     let draw = |random: &mut Random, (from, to)| random.uniform(from, to);
-    let adjacent_deg = -draw(random, family.slopes_deg);
+    let inclination_deg = draw(random, family.slopes_deg);
+    let adjacent_deg = if family.cut { inclination_deg } else { -inclination_deg };
     let opposing_deg = draw(random, family.slopes_deg);
     let along = |degrees: f64, length: f64| {
         (length * libm::cos(degrees.to_radians()), length * libm::sin(degrees.to_radians()))
@@ -107,7 +116,8 @@ fn side(family: &Family, random: &mut Random, edge: f64, road_deg: f64, height: 
     let foot = (edge + run, z + rise);
     let ditch = (foot.0 + draw(random, family.ditch_m), foot.1);
     let (run, rise) = along(opposing_deg, draw(random, family.opposing_m));
-    let top = if family.has_opposing { (ditch.0 + run, ditch.1 + rise) } else { ditch };
+    let has_opposing = family.has_opposing && !family.cut;
+    let top = if has_opposing { (ditch.0 + run, ditch.1 + rise) } else { ditch };
     let mut vertices = Vec::new();
     if family.rounded_m > 0.0 {
         // The parabola that touches both lines half the length from where they meet.
@@ -127,10 +137,59 @@ fn side(family: &Family, random: &mut Random, edge: f64, road_deg: f64, height: 
         adjacent_deg,
         foot_m: foot.0,
         opposing_start_m: ditch.0,
-        opposing_deg: family.has_opposing.then_some(opposing_deg),
+        opposing_deg: has_opposing.then_some(opposing_deg),
         top_m: top.0,
     };
+    if family.undulation_m > 0.0 {
+        return undulating(family, random, &vertices, truth);
+    }
     (vertices, truth)
+}
+
+/// The side with undulations on it: 24 plane waves in random directions, wavelengths evenly spread in their logarithm, fading in over half a
+/// metre from the edge. The true slope is then that of the best line over the whole of it.
+fn undulating(family: &Family, random: &mut Random, vertices: &[Vertex], truth: Truth) -> (Vec<Vertex>, Truth) {
+    const WAVES: u32 = 24;
+    const STEP_M: f64 = 0.05;
+    let (shortest, longest) = family.waves_m;
+    let waves: Vec<(f64, f64)> = (0..WAVES)
+        .map(|i| {
+            let length = shortest * libm::pow(longest / shortest, (f64::from(i) + 0.5) / f64::from(WAVES));
+            let turn = core::f64::consts::TAU;
+            (turn / length * libm::cos(turn * random.uniform(0.0, 1.0)), turn * random.uniform(0.0, 1.0))
+        })
+        .collect();
+    let amplitude = family.undulation_m * libm::sqrt(2.0 / f64::from(WAVES));
+    let height = |u: f64| {
+        let fade = ((u - truth.edge_m) / 0.5).clamp(0.0, 1.0);
+        fade * fade
+            * (3.0 - 2.0 * fade)
+            * amplitude
+            * waves.iter().map(|(k, phase)| libm::sin(k * u + phase)).sum::<f64>()
+    };
+    let ground = |u: f64| {
+        let pair = vertices.windows(2).find(|pair| u <= pair[1].0).unwrap_or(&vertices[vertices.len() - 2..]);
+        let (a, b) = (pair[0], pair[1]);
+        let part = if b.0 > a.0 { (u - a.0) / (b.0 - a.0) } else { 0.0 };
+        a.1 + part * (b.1 - a.1) + height(u)
+    };
+    let slope_deg = |from: f64, to: f64| {
+        let places: Vec<f64> = (0..=80).map(|i| from + (to - from) * f64::from(i) / 80.0).collect();
+        let mean = (from + to) / 2.0;
+        let product: f64 = places.iter().map(|u| (u - mean) * ground(*u)).sum();
+        let spread: f64 = places.iter().map(|u| (u - mean) * (u - mean)).sum();
+        libm::atan(product / spread).to_degrees()
+    };
+    let truth = Truth {
+        adjacent_deg: slope_deg(truth.edge_m, truth.foot_m),
+        opposing_deg: truth.opposing_deg.map(|_| slope_deg(truth.opposing_start_m, truth.top_m)),
+        ..truth
+    };
+    let steps = ((truth.top_m + 12.0 - truth.edge_m) / STEP_M) as u32;
+    let mut ground: Vec<Vertex> =
+        (0..=steps).map(|i| truth.edge_m + f64::from(i) * STEP_M).map(|u| (u, ground(u))).collect();
+    ground.extend(vertices.last().copied());
+    (ground, truth)
 }
 
 /// The first crossing of a ray from the origin with the polyline: range, and range gained for a metre of raised ground.

@@ -7,6 +7,9 @@ use super::magnitude::Magnitude;
 use super::sample::{GRAIN_BITS, Noise, Outward, Sample, inward_of, millimetres};
 use super::slope::Found;
 
+/// Most samples through which level ground is tried.
+const CANDIDATES: usize = 12;
+
 /// Samples past a slope's end that are taken for what follows it.
 const NEIGHBOURS: usize = 10;
 
@@ -171,7 +174,8 @@ fn on_level((u, z): (i32, i32), sample: &Sample) -> Option<u32> {
 fn level(samples: &mut [Sample], noise: &Noise) -> Option<Ground> {
     let shift = weigh(samples, 1, noise, 0);
     let mut best: Option<(u32, (i32, i32))> = None;
-    for candidate in samples.iter() {
+    // Of a wide floor's samples some are candidates, all have their say.
+    for candidate in samples.iter().step_by(samples.len().div_ceil(CANDIDATES).max(1)) {
         let place = (candidate.u, candidate.z);
         let score = samples.iter().filter_map(|s| on_level(place, s)).sum();
         if best.is_none_or(|(most, (_, lowest))| score > most || score == most && place.1 < lowest) {

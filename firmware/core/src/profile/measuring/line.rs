@@ -129,8 +129,9 @@ pub fn weigh(samples: &mut [Sample], stride: usize, noise: &Noise, slope_q14: i3
 pub fn weigh_by(samples: &mut [Sample], stride: usize, noise: &Noise, slope_q14: i32, shift: u32) {
     let most = (1 << (12 + shift)) - 1;
     for sample in samples.iter_mut().step_by(stride) {
-        // Rounded down in 32 bits: by less than 1 in 2^4 for the largest variance there is, by 1 in 2^12 for a range noise of 10 mm.
-        sample.weight = ((u32::MAX / noise.variance(sample, slope_q14).max(1 << 10)) << 5).min(most);
+        // Rounded down in 32 bits: by less than 1 in 2^4 for the largest variance there is, by 1 in 2^12 for a range noise of 10 mm. The lowest bit
+        // of a variance, of which there are more than ten, only says that it is not zero.
+        sample.weight = ((u32::MAX / (noise.variance(sample, slope_q14) | 1)) << 5).min(most);
     }
 }
 

@@ -1,7 +1,7 @@
 //! The measuring mode: slopes from the levelled raw points at the limit of the scanner's noise, with honest intervals.
 //!
 //! One side is worked off going outward: road line and departure, then twice search, robust fit and extents (adjacent and
-//! opposing slope), then the hinges as intersections of neighbouring lines. `docs/profile.md` has the method at length.
+//! opposing slope; in a cut the adjacent one rises and faces nothing), then the hinges as intersections of neighbouring lines. `docs/profile.md` has the method at length.
 
 mod hinge;
 mod line;
@@ -66,17 +66,27 @@ fn measure_side(samples: &mut [Sample], outward: Outward, unit_um: i32, survey: 
     let from = sample::inward_of(samples, road.fit.line.place_at(departure - sample::millimetres(500)));
     let start = departure - sample::millimetres(100);
     let mut noise = road.noise;
-    let Some(adjacent) = slope::measure(samples, (from, start), &wanted(false), &mut noise) else {
-        return side;
-    };
+    // In a cut the slope beside the road is the one that rises from it; what lies behind its top is another matter.
+    let (mut bank, mut cut) = (None, road.noise);
+    if road.is_below(samples, departure) {
+        bank = slope::measure(samples, (from, start), None, &wanted(true), &mut cut);
+    }
+    let rises = bank.is_some();
+    if rises {
+        noise = cut;
+    } else {
+        bank = slope::measure(samples, (from, start), None, &wanted(false), &mut noise);
+    }
+    let Some(adjacent) = bank else { return side };
     let from = adjacent.run.last + 1;
     let start = samples.get(adjacent.run.last).map_or(start, |s| s.u);
-    let opposing = slope::measure(samples, (from, start), &wanted(true), &mut noise);
+    let opposing =
+        if rises { None } else { slope::measure(samples, (from, start), Some(&adjacent), &wanted(true), &mut noise) };
     let outermost = opposing.as_ref().unwrap_or(&adjacent);
     let beyond = hinge::ground_beyond(samples, outermost, &noise);
     let floor = opposing.as_ref().and_then(|opposing| hinge::ground_between(samples, &adjacent, opposing, &noise));
     let section = Section { outward, road, departure, adjacent, floor, opposing, beyond, noise };
-    section.report(&mut side, samples, &wanted(false), &wanted(true));
+    section.report(&mut side, samples, &wanted(rises), &wanted(true));
     side
 }
 
@@ -129,31 +139,40 @@ impl Section {
         }
     }
 
+    /// The noise of one of the slopes: what both have told of it, but each its own where one of them undulates.
+    fn noise_of(&self, slope: &Found) -> Noise {
+        let undulates = self.adjacent.undulates || self.opposing.is_some_and(|opposing| opposing.undulates);
+        if undulates { slope.noise } else { self.noise }
+    }
+
     /// Fits the slopes anew between the hinges that they make.
     fn settle(&mut self, samples: &mut [Sample]) {
         let Hinges { edge, foot, facing } = self.hinges(samples);
-        self.adjacent.settle(samples, &edge, &foot, &self.noise);
+        let adjacent = self.adjacent;
+        self.adjacent.settle(samples, &edge, &foot, &self.noise_of(&adjacent));
+        let noise = self.opposing.map_or(self.noise, |opposing| self.noise_of(&opposing));
         if let (Some(opposing), Some((start, top))) = (&mut self.opposing, &facing) {
-            opposing.settle(samples, start, top, &self.noise);
+            opposing.settle(samples, start, top, &noise);
         }
     }
 
     /// Settles road and slopes between their hinges and fills in what was found.
-    fn report(mut self, side: &mut Side, samples: &mut [Sample], falling: &Wanted, rising: &Wanted) {
+    fn report(mut self, side: &mut Side, samples: &mut [Sample], beside: &Wanted, beyond: &Wanted) {
         self.settle(samples);
         let (departure, adjacent) = (self.departure, self.adjacent);
         self.road.settle(samples, |road| hinge::edge(road, departure, &adjacent).u);
         let Hinges { edge, foot, facing } = self.hinges(samples);
         side.edge = Some(edge.message(self.outward));
-        if self.adjacent.within(&edge, &foot, falling) {
+        if self.adjacent.within(&edge, &foot, beside) {
             side.adjacent = Some(self.adjacent.message(self.outward, &edge, &foot));
-            side.flags |= self.adjacent.marks(samples, &edge, &foot, &self.noise, falling.obstruction);
+            side.flags |=
+                self.adjacent.marks(samples, &edge, &foot, &self.noise_of(&self.adjacent), beside.obstruction);
             side.flags |= hinge::rounded(samples, &edge, &self.road.fit.line, &self.adjacent.fit.line, &self.noise);
         }
         match (self.opposing, facing) {
-            (Some(opposing), Some((start, top))) if opposing.within(&start, &top, rising) => {
+            (Some(opposing), Some((start, top))) if opposing.within(&start, &top, beyond) => {
                 side.opposing = Some(opposing.message(self.outward, &start, &top));
-                side.flags |= opposing.marks(samples, &start, &top, &self.noise, rising.obstruction);
+                side.flags |= opposing.marks(samples, &start, &top, &self.noise_of(&opposing), beyond.obstruction);
                 side.flags |= if top.seen { 0 } else { flags::END_UNSEEN };
             }
             _ => side.flags |= if foot.seen { 0 } else { flags::END_UNSEEN },

@@ -21,6 +21,14 @@ const DEPARTURE_SAMPLES: u32 = 4;
 /// The fit ends this far before a departure, whose onset the threshold hides.
 const MARGIN: i32 = millimetres(350);
 
+/// Whether the ground rises from the road is seen between so much beyond its end, where a slope that falls has done so, and so much, ...
+const SILL: i32 = millimetres(500);
+const VERGE: i32 = millimetres(2_000);
+/// ... by samples so far above its line, which vegetation on level ground mostly is not, ...
+const RISEN: i32 = millimetres(20);
+/// ... and no further: rails are taller, slopes of 12 degrees are not.
+const TALLEST: i32 = millimetres(400);
+
 /// A road of which fewer samples than this are seen is none.
 const MIN_SAMPLES: u32 = 12;
 
@@ -75,6 +83,21 @@ impl Road {
     /// How far out the road is left; nothing when it is not.
     pub fn departed_at(&self, samples: &[Sample]) -> Option<i32> {
         departed_at(samples, &self.fit.line, self.departure)
+    }
+
+    /// Whether most of what follows a departure rises above the road: a cut, in which the slope beside it rises.
+    pub fn is_below(&self, samples: &[Sample], departure: i32) -> bool {
+        let next = samples.get(self.departure..).unwrap_or_default().iter();
+        let (mut above, mut all) = (0, 0);
+        for sample in next.take_while(|s| s.u < departure + VERGE).filter(|s| s.u > departure + SILL) {
+            let e = self.fit.line.residual(sample);
+            // A rail or a wall is no slope.
+            if e < TALLEST {
+                all += 1;
+                above += u32::from(e > RISEN);
+            }
+        }
+        2 * above > all
     }
 
     /// Fits again up to the edge that the adjacent slope makes with the road, and once more up to the edge that comes of that:

@@ -108,9 +108,17 @@ pub fn take(echo: &Echo, samples: &mut Samples) {
 
 /// Turns the samples of a scan round: from those that count outward to the left to those that count outward to the right, or back.
 pub fn turn_round(samples: &mut Samples) {
-    samples.reverse();
-    for sample in samples {
-        (sample.u, sample.out_q14) = (-sample.u, -sample.out_q14);
+    let turned = |sample: &Sample| Sample { u: -sample.u, out_q14: -sample.out_q14, ..*sample };
+    let (middle, odd) = (samples.len() / 2, samples.len() % 2 == 1);
+    let Some((front, back)) = samples.split_at_mut_checked(middle) else { return };
+    for (a, b) in front.iter_mut().zip(back.iter_mut().rev()) {
+        (*a, *b) = (turned(b), turned(a));
+    }
+    // An odd one between the halves is the first of the back.
+    if let [first, ..] = back
+        && odd
+    {
+        *first = turned(first);
     }
 }
 

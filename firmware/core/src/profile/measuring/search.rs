@@ -244,3 +244,40 @@ pub fn run(samples: &[Sample], middle: usize, line: &Line, obstruction: i32) -> 
     let (back, inward) = follow(inner.iter().rev(), line, obstruction);
     Run { first: middle - back, last: (middle + out).saturating_sub(1), score: outward + inward }
 }
+
+/// Whether the ground goes on along a line beyond the inner and beyond the outer end of its run, and outward of `start`: most of the samples from so far
+/// past it on are nearer to the line than level ground would be, had it begun there.
+pub fn goes_on(samples: &[Sample], start: i32, line: &Line, run: &Run) -> (bool, bool) {
+    let (inner, outer) =
+        (samples.get(..run.first).unwrap_or_default(), samples.get(run.last + 1..).unwrap_or_default());
+    let (from, to) = (samples.get(run.first).map_or(0, |s| s.u), samples.get(run.last).map_or(0, |s| s.u));
+    let fall_q14 = line.slope_q14().abs();
+    let near = |sample: &&Sample, end: i32| {
+        // Below 2^15 x 2^11.
+        let level = (((sample.u - end).abs() >> 4).min(1 << 15) * (fall_q14 >> 4)) >> 6;
+        line.residual(sample).abs() < NEARBY + level / 3
+    };
+    let inward = inner.iter().rev().skip_while(|s| s.u > from - PAST).take_while(|s| s.u > start + SHOULDER);
+    let outward = outer.iter().skip_while(|s| s.u < to + PAST);
+    (
+        inward.take(LOOKED_AT).filter(|s| near(s, from)).count() >= MOST,
+        outward.take(LOOKED_AT).filter(|s| near(s, to)).count() >= MOST,
+    )
+}
+
+/// The samples up to a run's outer end and those past it that [`goes_on`] looks at.
+pub fn up_to<'a>(samples: &'a [Sample], run: &Run) -> &'a [Sample] {
+    let to = samples.get(run.last).map_or(0, |s| s.u) + PAST;
+    let past = samples.iter().skip(run.last).take_while(|s| s.u < to).count();
+    samples.get(..(run.last + past + LOOKED_AT).min(samples.len())).unwrap_or_default()
+}
+
+/// So far past an end, ...
+const PAST: i32 = millimetres(1_000);
+/// ... so near the line and a third of what level ground would be off it, ...
+const NEARBY: i32 = millimetres(40);
+/// ... lie so many of so many samples.
+const MOST: usize = 4;
+const LOOKED_AT: usize = 6;
+/// What precedes may reach so far beyond where a search starts.
+pub const SHOULDER: i32 = millimetres(400);

@@ -6,7 +6,7 @@ use crossfall_protocol::message::{Slope, flags};
 use super::hinge::Place;
 use super::line::{Fit, Line, fit, weigh};
 use super::magnitude::Magnitude;
-use super::sample::{GRAIN_BITS, Noise, Outward, Sample, inward_of};
+use super::sample::{GRAIN_BITS, Noise, Outward, Sample, inward_of, millimetres};
 use super::search::{self, Run, Wanted};
 use crate::trig;
 
@@ -26,12 +26,23 @@ pub struct Found {
     pub fit: Fit,
     /// Its samples, as indices among all of the side.
     pub run: Run,
+    /// What its residuals say of the noise.
+    pub noise: Noise,
+    /// Whether its ground undulates by more than noise and roughness do.
+    pub undulates: bool,
+    /// Whether its ground goes on beyond its outer end and could not be followed.
+    unclear: bool,
+    /// The sample that it was sought from, and its run counted from there.
+    from: usize,
+    part: Run,
 }
 
-/// Finds and measures the slope that is `wanted`, from sample `from` on, which is `start` outward; keeps what its residuals say about the noise.
+/// Finds and measures the slope that is `wanted`, from sample `from` on, which is `start` outward; keeps what its residuals say about the noise. `inner` is the
+/// slope before it.
 pub fn measure(
     samples: &mut [Sample],
     (from, start): (usize, i32),
+    inner: Option<&Found>,
     wanted: &Wanted,
     noise: &mut Noise,
 ) -> Option<Found> {
@@ -47,11 +58,146 @@ pub fn measure(
     let shift = weigh(beyond, 1, noise, found.line.slope_q14());
     run = search::run(beyond, (run.first + run.last) / 2, &found.line, wanted.obstruction);
     let part = beyond.get_mut(run.first..=run.last)?;
-    let fit = fit(part, 1, &found.line, shift)?;
+    let mut fit = fit(part, 1, &found.line, shift)?;
     *noise = roughened(noise, &fit, part);
+    let (mut undulates, mut unclear) = (false, false);
+    let (inward, outward) = search::goes_on(beyond, start, &fit.line, &run);
+    // Ground is not followed past what stands before it.
+    let open = |found: (&Fit, &Run), from: usize| {
+        samples.get(from..).is_some_and(|part| clear(search::up_to(part, found.1), &found.0.line, wanted.obstruction))
+    };
+    if (inward || outward)
+        && open((&fit, &run), from)
+        && inner.is_none_or(|inner| open((&inner.fit, &inner.part), inner.from))
+    {
+        let beyond = samples.get_mut(from..)?;
+        if !is_straight(beyond, (&fit, &run), wanted, noise) {
+            match further(beyond, start, &run, wanted, noise) {
+                Some((longer, along, rougher)) => {
+                    undulates = true;
+                    (fit, run, *noise) = (uneven(longer, &rougher), along, rougher);
+                }
+                None => unclear = outward,
+            }
+        }
+    }
+    let part = run;
     let run = Run { first: run.first + from, last: run.last + from, score: run.score };
-    Some(Found { fit, run })
+    Some(Found { fit, run, noise: *noise, undulates, unclear, from, part })
 }
+
+/// The gate in which undulating ground is followed.
+fn wide(noise: &Noise) -> Noise {
+    Noise { rough2: UNDULATION * UNDULATION, ..*noise }
+}
+
+/// Whether the ground that goes on beyond a run lies on its line as the run does: straight, with something growing on it that has ended the run.
+fn is_straight(samples: &mut [Sample], (known, run): (&Fit, &Run), wanted: &Wanted, noise: &Noise) -> bool {
+    let wide = wide(noise);
+    weigh(samples, 1, &wide, known.line.slope_q14());
+    let along = search::run(samples, (run.first + run.last) / 2, &known.line, wanted.obstruction);
+    let part = samples.get(along.first..=along.last).unwrap_or_default();
+    part.len() > run.last - run.first + 1 && roughness_below(part, &known.line, &wide).rough2 <= UNDULATES
+}
+
+/// A slope whose ground goes on beyond the ends of its run, further off its line than noise is, undulates: runs end where noise does. It is
+/// sought anew in a gate as wide as undulations are high, and followed in one that is as wide as what lies below its line, where nothing grows, says.
+fn further(
+    samples: &mut [Sample],
+    start: i32,
+    known: &Run,
+    wanted: &Wanted,
+    noise: &Noise,
+) -> Option<(Fit, Run, Noise)> {
+    let wide = wide(noise);
+    let (mut line, mut run) = search::find(samples, start, wanted, &wide)?;
+    let (mut noise, mut gate, mut found) = (wide, wide, None);
+    for _ in 0..PASSES {
+        let shift = weigh(samples, 1, &gate, line.slope_q14());
+        run = search::run(samples, (run.first + run.last) / 2, &line, wanted.obstruction);
+        let part = samples.get_mut(run.first..=run.last)?;
+        let fitted = fit(part, 1, &line, shift)?;
+        line = fitted.line;
+        noise = roughness_below(part, &line, &noise);
+        // Half as wide again as what is in it: undulations have their neighbours on the same side.
+        gate = Noise { rough2: (noise.rough2 / 4 * 9).min(wide.rough2), ..noise };
+        found = Some(fitted);
+    }
+    let ground = run.score > GROUND_SCORE * (run.last - run.first + 1) as i32;
+    let one = noise.rough2 > UNDULATES && noise.rough2 <= HILLS;
+    let at = |index: usize| samples.get(index).map_or(0, |s| s.u);
+    let outward = at(run.last) - at(known.last);
+    let inward = at(known.first) - at(run.first).max(start + search::SHOULDER);
+    let longer = outward.max(inward) > GAINED;
+    found.filter(|_| ground && one && longer).map(|fitted| (fitted, run, noise))
+}
+
+/// How often a gate is narrowed to what is found in it.
+const PASSES: u32 = 2;
+
+/// The noise with the least of [`ROUGHNESSES`] that, with the noise of ranges, explains two thirds of the samples below a line as within one sigma. A share, as
+/// its ends may take in a few samples of what comes next.
+fn roughness_below(part: &[Sample], line: &Line, noise: &Noise) -> Noise {
+    let ranges = Noise { rough2: 0, ..*noise };
+    let (mut within, mut all) = ([0u32; ROUGHNESSES.len()], 0u32);
+    for sample in part {
+        let e = line.residual(sample);
+        if e < 0 && e > -(1 << 15) {
+            all += 1;
+            let rest = ((e * e) as u32).saturating_sub(ranges.variance(sample, line.slope_q14()));
+            for (count, rough2) in within.iter_mut().zip(ROUGHNESSES) {
+                *count += u32::from(rest <= rough2);
+            }
+        }
+    }
+    let found = within.iter().zip(ROUGHNESSES).find(|(count, _)| 3 * **count >= 2 * all);
+    Noise { rough2: found.map_or(Noise::MAX_ROUGH2, |(_, rough2)| rough2), ..*noise }
+}
+
+/// Squares of 1, 2, 3, 4, 5, 6, 8, 10, 12, 14, 17 and 20 mm.
+const ROUGHNESSES: [u32; 12] = {
+    const fn square(mm: i32) -> u32 {
+        (millimetres(mm) * millimetres(mm)) as u32
+    }
+    [
+        square(1),
+        square(2),
+        square(3),
+        square(4),
+        square(5),
+        square(6),
+        square(8),
+        square(10),
+        square(12),
+        square(14),
+        square(17),
+        square(20),
+    ]
+};
+
+/// The fit of a slope whose residuals are undulations, which neighbours share. Most of what they do to the line is in the slope of the whole ground too; what
+/// is not, as samples lie closer near the sensor, made the errors of simulated slopes one and a half times those of independent residuals. At
+/// its ends the ground is off the line by the undulations themselves.
+fn uneven(fitted: Fit, noise: &Noise) -> Fit {
+    let slope_variance = fitted.slope_variance.times(Magnitude::new(9, -2));
+    let height_variance = fitted.height_variance.plus(Magnitude::new(u64::from(noise.rough2), 0));
+    Fit { slope_variance, height_variance, ..fitted }
+}
+
+/// What is more than undulation: beyond 20 mm squared about the best line it is two slopes.
+const HILLS: u32 = UNDULATION * UNDULATION;
+
+/// So much further than its run the ground must be followed: less is a hinge taken in.
+const GAINED: i32 = millimetres(600);
+
+/// What a sample of the ground earns in the mean: less is vegetation.
+const GROUND_SCORE: i32 = 130;
+
+/// Height of undulations that still make one slope, one sigma, in grains.
+const UNDULATION: u32 = millimetres(20) as u32;
+
+/// A roughness below a line that is undulation: 3 mm squared.
+const UNDULATES: u32 = (millimetres(3) * millimetres(3)) as u32;
 
 impl Found {
     /// Fits again over the samples between two places: the ends of a run lean on its own residuals, those of the hinges
@@ -63,7 +209,7 @@ impl Found {
         if let Some(fit) = refit(part, &self.fit.line, noise)
             && fit.count >= LEAST_SAMPLES.min(self.fit.count)
         {
-            self.fit = fit;
+            self.fit = if self.undulates { uneven(fit, noise) } else { fit };
         }
     }
 }
@@ -95,33 +241,41 @@ fn interval(fitted: &Fit) -> u32 {
     half.scaled(30)
 }
 
+/// Whether beams are missing among samples, as behind a rail.
+fn shaded(samples: &[Sample]) -> bool {
+    samples.windows(2).any(|pair| matches!(pair, [a, b] if b.beam.abs_diff(a.beam) > SHADOW_BEAMS))
+}
+
+/// Whether nothing stands on samples or hides them: fewer than three are beyond the obstruction distance, and no beams are missing.
+fn clear(samples: &[Sample], line: &Line, obstruction: i32) -> bool {
+    samples.iter().filter(|s| line.residual(s).abs() > obstruction).count() < 3 && !shaded(samples)
+}
+
 /// Flags from the samples between the ends of a slope.
 fn marks(part: &[Sample], found: &Found, noise: &Noise, obstruction: i32) -> u16 {
     let line = &found.fit.line;
-    let (mut above, mut astray, mut on, mut dark) = (0u32, 0u32, 0u32, false);
-    let mut previous: Option<&Sample> = None;
+    let (mut above, mut on) = (0u32, 0u32);
     for sample in part {
         let e = line.residual(sample);
-        if e.unsigned_abs() > obstruction.unsigned_abs() {
-            astray += 1;
-        } else if (e * e) as u32 / 12 < noise.variance(sample, line.slope_q14()) {
+        if e.abs() > obstruction {
+            continue;
+        }
+        if (e * e) as u32 / 12 < noise.variance(sample, line.slope_q14()) {
             on += 1;
         } else if e > 0 {
             above += 1;
         }
-        dark |= previous.is_some_and(|p| sample.beam.abs_diff(p.beam) > SHADOW_BEAMS);
-        previous = Some(sample);
     }
     let count = part.len() as u32;
     let mut marks = 0;
     if 8 * above > count {
         marks |= flags::VEGETATION;
     }
-    if astray >= 3 || dark {
+    if !clear(part, line, obstruction) {
         marks |= flags::OBSTRUCTED;
     }
     // Too few of what is there agrees, or too little is there to tell a slope from chance.
-    if 20 * on < 11 * count || found.fit.count < 6 || interval(&found.fit) > DOUBTFUL_HALF_Q30 {
+    if 20 * on < 11 * count || found.unclear || found.fit.count < 6 || interval(&found.fit) > DOUBTFUL_HALF_Q30 {
         marks |= flags::DOUBTFUL;
     }
     marks

@@ -18,6 +18,7 @@ use crossfall_protocol::message::{LineCounters, ScanMode};
 use super::reply::{Reply, Status};
 use super::telegram::{FRONT, LONGEST, TRAILER, Telegrams};
 use crate::scan::{MAX_BEAMS, RawScan};
+use crate::sensors::Scanner;
 use crate::sensors::framing::{Frame, Framer, Protocol, most_open, room};
 
 /// The scanner accepts a command.
@@ -158,6 +159,46 @@ impl Decoder {
     /// Assumes this measuring mode from now on, until the scanner reports its own.
     pub fn assume_measuring_mode(&mut self, mode: u8) {
         self.scans.measuring = mode;
+    }
+}
+
+impl Scanner for Decoder {
+    type Event<'a> = Event<'a>;
+
+    #[inline]
+    fn push(&mut self, byte: u8, at: DeviceTime, out: &mut impl FnMut(Event<'_>)) {
+        self.push(byte, at, out);
+    }
+
+    fn finish(&mut self, out: &mut impl FnMut(Event<'_>)) {
+        self.finish(out);
+    }
+
+    fn scan<'e>(event: &'e Event<'_>) -> Option<&'e RawScan> {
+        match event {
+            Event::Scan { scan, .. } => Some(scan),
+            _ => None,
+        }
+    }
+
+    fn assume_measuring_mode(&mut self, mode: u8) {
+        self.assume_measuring_mode(mode);
+    }
+
+    fn counters(&self) -> LineCounters {
+        self.counters()
+    }
+
+    fn scans(&self) -> u32 {
+        self.scans()
+    }
+
+    fn scans_missing(&self) -> u32 {
+        self.scans_missing()
+    }
+
+    fn scans_unreadable(&self) -> u32 {
+        self.scans_unreadable()
     }
 }
 
