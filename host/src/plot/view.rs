@@ -28,6 +28,9 @@ const TARGET: [f64; 3] = [22.0, 3.0, -3.0];
 /// Pixels to a metre at a distance of one.
 const FOCAL: f64 = 1_050.0;
 
+/// Where on the paper what it looks at is.
+const MIDDLE_Y: f64 = 360.0;
+
 /// Draws a stretch as SVG.
 #[must_use]
 pub fn view(stretch: &Stretch, title: &str, theme: Theme) -> String {
@@ -89,7 +92,8 @@ fn lines(svg: &mut String, stretch: &Stretch, camera: &Camera, colours: &Palette
         if section.at_m < next_m {
             continue;
         }
-        next_m = section.at_m + SECTIONS_M - 0.5;
+        let at_m = next_m;
+        next_m = (section.at_m / SECTIONS_M).floor() * SECTIONS_M + SECTIONS_M;
         let on_paper: Vec<_> = section.places.iter().filter_map(|place| camera.see(*place)).collect();
         let path: Vec<_> = on_paper.iter().map(|[x, y, _]| format!("{x:.1} {y:.1}")).collect();
         if path.len() < 2 {
@@ -107,7 +111,7 @@ fn lines(svg: &mut String, stretch: &Stretch, camera: &Camera, colours: &Palette
             .filter(|[x, y, _]| *x < SIZE.0 - 60.0 && *y < SIZE.1 - 12.0)
             .max_by(|a, b| a[0].total_cmp(&b[0]));
         if let Some([x, y, _]) = end {
-            words(svg, (x + 8.0, y + 5.0), 15, colours.text, &format!("{:.0} m", section.at_m));
+            words(svg, (x + 8.0, y - 7.0), 15, colours.text, &format!("{at_m:.0} m"));
         }
     }
 }
@@ -164,9 +168,8 @@ impl Camera {
         let from = [place[0] - self.eye[0], place[1] - self.eye[1], place[2] - self.eye[2]];
         let depth = dot(from, self.ahead);
         let scale = FOCAL / depth;
-        (depth > 1.0).then(|| {
-            [SIZE.0 / 2.0 + scale * dot(from, self.right), SIZE.1 / 2.0 + 60.0 + scale * dot(from, self.down), depth]
-        })
+        (depth > 1.0)
+            .then(|| [SIZE.0 / 2.0 + scale * dot(from, self.right), MIDDLE_Y + scale * dot(from, self.down), depth])
     }
 }
 
@@ -191,7 +194,7 @@ mod tests {
     fn what_is_left_and_up_is_left_and_up_on_the_paper() {
         let camera = Camera::new(EYE, TARGET);
         let [x, y, depth] = camera.see(TARGET).unwrap();
-        assert!((x - SIZE.0 / 2.0).abs() < 1e-6 && (y - SIZE.1 / 2.0 - 60.0).abs() < 1e-6 && depth > 30.0);
+        assert!((x - SIZE.0 / 2.0).abs() < 1e-6 && (y - MIDDLE_Y).abs() < 1e-6 && depth > 30.0);
         let [left, ..] = camera.see([TARGET[0], TARGET[1] + 2.0, TARGET[2]]).unwrap();
         let [_, above, _] = camera.see([TARGET[0], TARGET[1], TARGET[2] + 2.0]).unwrap();
         assert!(left < x && above < y);
