@@ -222,8 +222,8 @@ fn the_counter_proves_what_is_missing() {
 
 #[test]
 fn special_values_are_no_points() {
-    let mut telegram = Telegram::default();
-    telegram.values = (0..361).map(|i| if i < 16 { i } else { 2_000 }).collect();
+    let values = (0..361).map(|i| if i < 16 { i } else { 2_000 }).collect();
+    let telegram = Telegram { values, ..Telegram::default() };
     let scan = scan(&telegram).unwrap();
     let mut points = Points::new();
     level(&scan, &RollTrack::constant(Angle::ZERO), &Mounting::default(), &mut points);

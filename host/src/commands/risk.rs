@@ -114,12 +114,12 @@ struct Summary {
 pub fn run(args: &Args) -> Result<Outcome> {
     let choices = Choices { poses: args.poses.clone(), world_points: args.world_points };
     let mut source = Source::open(&args.frames, &choices)?;
-    if let (Some(last), Some(count)) = (args.at, source.len())
+    if let (Some(last), Some(count)) = (args.at, source.frames())
         && last >= count
     {
         bail!("--at {last}: there are frames 0 to {}", count - 1);
     }
-    let last = args.at.or(source.len().map(|count| count - 1)).unwrap_or(usize::MAX);
+    let last = args.at.or(source.frames().map(|count| count - 1)).unwrap_or(usize::MAX);
     fs::create_dir_all(&args.output).with_context(|| format!("creating {}", args.output.display()))?;
     let series = args.output.join("series");
     if args.series.is_some() {
@@ -133,7 +133,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut mapper = workshop.open().map_err(|what| anyhow!("the map cannot be set up: {what:?}"))?;
     mapper.keep_behind(!args.window);
 
-    let progress = Progress::new("risk", source.len().map_or(0, |count| count.min(last + 1)) as u64);
+    let progress = Progress::new("risk", source.frames().map_or(0, |count| count.min(last + 1)) as u64);
     let mut points = Vec::new();
     let mut times = Vec::new();
     let mut vehicle = None;

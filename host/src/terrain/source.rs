@@ -56,7 +56,7 @@ impl Source {
 
     /// Number of frames, where it is known beforehand.
     #[must_use]
-    pub fn len(&self) -> Option<usize> {
+    pub fn frames(&self) -> Option<usize> {
         match &self.kind {
             Kind::Folder(folder) => Some(folder.len()),
             Kind::Turns(turns) => Some(turns.count()),

@@ -134,6 +134,9 @@ fn payload(link: Linktype, data: &[u8]) -> Option<&[u8]> {
     }
 }
 
+/// A complete turn: its time and points.
+type Timed = (f64, Vec<[f32; 4]>);
+
 /// A turn being put together.
 #[derive(Default)]
 struct Turn {
@@ -163,7 +166,7 @@ impl Reader {
     }
 
     /// The next complete turn: its time and points.
-    fn next(&mut self) -> Result<Option<(f64, Vec<[f32; 4]>)>, Error> {
+    fn next(&mut self) -> Result<Option<Timed>, Error> {
         loop {
             let mut waiting = std::mem::take(&mut self.waiting).into_iter();
             while let Some((time, seen)) = waiting.next() {

@@ -223,7 +223,7 @@ fn span([a, b, c, d, e]: [&Row; 5], out: &mut [i16; TILE_SIDE]) {
     for column in 0..2 * WIDTH {
         five[column] = a[column].max(e[column]).max(three[column]);
     }
-    for column in 0..TILE_SIDE {
+    for (column, risen) in out.iter_mut().enumerate() {
         let at = WING + column;
         let over_five = |at: usize| {
             let (near, far) = (five[at - 1].max(five[at + 1]), five[at - 2].max(five[at + 2]));
@@ -235,6 +235,6 @@ fn span([a, b, c, d, e]: [&Row; 5], out: &mut [i16; TILE_SIDE]) {
         let far_edge = -i16::from(near < (wide >> 1) - (wide >> 3));
         let relief = (near & far_edge) | (wide & !far_edge);
         let nothing = -i16::from(c[at] == NOTHING);
-        out[column] = (NOTHING & nothing) | (relief & !nothing);
+        *risen = (NOTHING & nothing) | (relief & !nothing);
     }
 }

@@ -30,7 +30,7 @@ pub(crate) struct Direction {
 }
 
 /// sqrt(1/2 + 2 q) for q of 0 to 1/4, by the cubic through Chebyshev's points: within 0.1 %.
-const RANGE: [f32; 4] = [0.707180, 1.404687, -1.202740, 1.079352];
+const RANGE: [f32; 4] = [0.707_18, 1.404_687, -1.202_74, 1.079_352];
 
 impl Direction {
     #[inline(always)]
