@@ -56,7 +56,7 @@ fn a_drive_goes_through_every_command() {
     ends(&crossfall(at, &["profiles", "drive.log.mcap", "-o", "drive.csv"]), 0);
     assert_eq!(fs::read_to_string(at.join("drive.csv")).unwrap().lines().count(), 151);
     ends(&crossfall(at, &["plot", "drive.log.mcap", "-o", "pictures"]), 0);
-    assert_eq!(names(&at.join("pictures")), ["section-37.svg", "slopes.svg", "variation-37.svg"]);
+    assert_eq!(names(&at.join("pictures")), ["section-37.svg", "slopes.svg", "variation-37.svg", "view-37.svg"]);
     ends(&crossfall(at, &["profiles", "drive.log.mcap", "--every", "10m", "-o", "tens.geojson"]), 0);
     let summary = crossfall(at, &["profiles", "drive.log.mcap", "--summary", "--json"]);
     ends(&summary, 0);

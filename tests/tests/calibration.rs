@@ -59,8 +59,8 @@ fn a_rock_test_tells_offset_and_delay() {
     // The unit's own slow error (0.017 degrees) is the limit of the offset.
     assert!((found.roll_offset_deg - OFFSET_DEG).abs() < 0.05, "{}", found.roll_offset_deg);
     assert!(found.residual_after_deg < found.residual_before_deg);
-    // Most of what is left is the ranges' noise: 10 mm over six metres of ground seen from 2.5 m.
-    assert!((0.015..0.030).contains(&found.residual_ranges_deg), "{}", found.residual_ranges_deg);
+    // Most of what is left is the ranges' noise: 10 mm over as much even ground as there is, seen from 2.5 m.
+    assert!((0.010..0.030).contains(&found.residual_ranges_deg), "{}", found.residual_ranges_deg);
 }
 
 #[test]

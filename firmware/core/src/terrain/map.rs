@@ -388,9 +388,10 @@ impl<'a> TerrainMap<'a> {
     }
 
     fn refresh(&mut self, due: impl Fn(usize, &Tile) -> bool) -> u32 {
+        let review = (!self.config.push_broom).then(|| self.stamp());
         for (slot, tile) in self.window.tiles.iter_mut().enumerate() {
             if due(slot, tile) {
-                measure(tile, !self.config.push_broom);
+                measure(tile, review);
             }
         }
         let mut refreshed = 0;

@@ -23,15 +23,19 @@ const REVIEWED: u16 = 32;
 /// Height above the tile's floor from which a first impression is given up, 0.17 m: above a curb of 15 cm, below a car's flank.
 const IMPRESSION: i16 = 680;
 
-/// Works a tile's mean height and its own medians out anew. With `review`, the first time that enough of it is known.
+/// Works a tile's mean height and its own medians out anew. With the frame's stamp, first impressions are reviewed the first time that enough of it
+/// is known.
 ///
 /// What a tile far off shows first may be the flank of a car, taken for ground because there was none to tell it from. When more is known, cells
-/// that stand high above the tile's floor are given up, once: a low wall is seen again, the car has gone.
-pub(crate) fn measure(tile: &mut Tile, review: bool) {
+/// that stand high above the tile's floor and are not seen in this frame are given up, once: a low wall is seen again, the car has gone.
+pub(crate) fn measure(tile: &mut Tile, review: Option<u8>) {
     survey(tile);
-    if review && !tile.reviewed && tile.known >= REVIEWED {
+    if let Some(stamp) = review
+        && !tile.reviewed
+        && tile.known >= REVIEWED
+    {
         tile.reviewed = true;
-        if give_up_impressions(tile) {
+        if give_up_impressions(tile, stamp) {
             survey(tile);
         }
     }
@@ -55,8 +59,9 @@ fn survey(tile: &mut Tile) {
     tile.pairs = [x_pairs, y_pairs];
 }
 
-/// Empties cells high above the level that a tenth of the tile's cells keep below, its gradient taken out; whether there were any.
-fn give_up_impressions(tile: &mut Tile) -> bool {
+/// Empties cells high above the level that a tenth of the tile's cells keep below, its gradient taken out, unless they bear the stamp; whether there
+/// were any.
+fn give_up_impressions(tile: &mut Tile, stamp: u8) -> bool {
     let mut levels = [NONE; TILE_CELLS];
     for (index, (level, (height, margin))) in levels.iter_mut().zip(tile.height.iter().zip(&tile.margin)).enumerate() {
         if *margin != 0 {
@@ -67,8 +72,9 @@ fn give_up_impressions(tile: &mut Tile) -> bool {
     }
     let floor = quantile(&levels, tile.known / 10 + 1, 32_000);
     let mut any = false;
-    for (index, level) in levels.iter().enumerate() {
-        if *level != NONE && *level > floor.saturating_add(IMPRESSION) {
+    let seen = tile.stamp;
+    for (index, (level, seen)) in levels.iter().zip(seen).enumerate() {
+        if *level != NONE && *level > floor.saturating_add(IMPRESSION) && seen != stamp {
             tile.clear(index as u8);
             any = true;
         }
