@@ -28,9 +28,12 @@ pub struct Stretch {
 pub struct Across {
     /// Metres along the road from the beginning of the stretch.
     pub at_m: f64,
-    /// Its returns, those far from every surface left out.
+    /// The returns of its first mirror turn, those far from every surface left out: the next turn is a foot further along the road.
     pub places: Vec<Local>,
 }
+
+/// A turn sees the ground within half of its 13.32 ms.
+const TURN_S: f64 = 0.010;
 
 impl Stretch {
     /// Reads the scans between two stations of a log, in metres.
@@ -70,8 +73,10 @@ impl Stretch {
             };
             let at_m = station_m - from_m;
             let returns = room.returns.iter().map(|one| (local(one.place), one.class));
-            let places = returns.clone().filter(|(_, class)| *class != Class::Other && *class != Class::Vegetation);
-            stretch.sections.push(Across { at_m, places: places.map(|(place, _)| place).collect() });
+            let first = room.returns.iter().map(|one| one.gps_time).fold(f64::INFINITY, f64::min);
+            let surface = |class: Class| class != Class::Other && class != Class::Vegetation;
+            let across = room.returns.iter().filter(|one| surface(one.class) && one.gps_time - first < TURN_S);
+            stretch.sections.push(Across { at_m, places: across.map(|one| local(one.place)).collect() });
             stretch.returns.extend(returns);
             stretch.length_m = at_m;
         }
