@@ -164,23 +164,28 @@ mod tests {
     use crate::drive::Scan;
     use crate::geodesy::shifted;
 
+    /// A scan a second, with left slopes and half widths.
+    fn scan(number: u32, station_m: f64, place: [f64; 3], [adjacent, opposing]: [(f32, f32); 2]) -> Scan {
+        let none = (f32::NAN, f32::NAN);
+        Scan {
+            number,
+            gps_seconds: f64::from(number),
+            station_m,
+            place,
+            roll_deg: 0.0,
+            slopes: [adjacent, opposing, none, none],
+            edges_m: [f32::NAN; 2],
+            flags: 0,
+        }
+    }
+
     /// A drive along a road to the east or back, with given left slopes and half widths.
     fn drive(eastward: bool, slopes: [(f32, f32); 2]) -> Drive {
         let start = [40.8, -77.86, 350.0];
         let scans = (0..500).map(|i| {
             let way = f64::from(i);
             let east = if eastward { way } else { 499.0 - way };
-            let none = (f32::NAN, f32::NAN);
-            Scan {
-                number: i,
-                gps_seconds: way,
-                station_m: way,
-                place: shifted(start, [east, if eastward { 0.0 } else { 16.0 }, 0.0]),
-                roll_deg: 0.0,
-                slopes: [slopes[0], slopes[1], none, none],
-                edges_m: [f32::NAN; 2],
-                flags: 0,
-            }
+            scan(i, way, shifted(start, [east, if eastward { 0.0 } else { 16.0 }, 0.0]), slopes)
         });
         Drive { scans: scans.collect(), ..Drive::default() }
     }
@@ -238,17 +243,7 @@ mod tests {
                 // Its own slope is the far one of the first, and what fell from there rises from here.
                 false => [(-far(along) as f32, 0.05), (-near(along) as f32 + 0.2, 0.3)],
             };
-            let none = (f32::NAN, f32::NAN);
-            Scan {
-                number: i,
-                gps_seconds: f64::from(i),
-                station_m: f64::from(i) * radius / RADIUS_M,
-                place,
-                roll_deg: 0.0,
-                slopes: [slopes[0], slopes[1], none, none],
-                edges_m: [f32::NAN; 2],
-                flags: 0,
-            }
+            scan(i, f64::from(i) * radius / RADIUS_M, place, slopes)
         });
         Drive { scans: scans.collect(), ..Drive::default() }
     }

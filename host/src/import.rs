@@ -117,11 +117,35 @@ fn cut(length: usize, starts: &[(usize, u64)], baud: u64) -> Vec<Stretch> {
     stretches
 }
 
+/// Beginnings of scans: where in the dump, and when.
+type Starts = Vec<(usize, u64)>;
+
+/// Takes a scanner's dump through its decoder; `place` adds the scan that an event is to those before it, and counts other events. The decoder's
+/// clock is the place in the dump.
+fn place_scans<S: Scanner>(
+    bytes: &[u8],
+    mut decoder: S,
+    (family, baud): (Family, u64),
+    mut place: impl FnMut(S::Event<'_>, &mut Starts, &mut Lidar),
+) -> (Vec<Stretch>, Lidar) {
+    let mut found = Lidar { family, ..Lidar::default() };
+    let mut starts = Starts::new();
+    let mut out = |event: S::Event<'_>| place(event, &mut starts, &mut found);
+    for (at, &byte) in bytes.iter().enumerate() {
+        decoder.push(byte, DeviceTime(at as u64), &mut out);
+    }
+    decoder.finish(&mut out);
+    found.line = decoder.counters();
+    (found.scans, found.missing) = (decoder.scans(), decoder.scans_missing());
+    if let (Some(first), Some(last)) = (starts.first(), starts.last()) {
+        found.seconds = (last.1 - first.1) as f64 * 1e-6;
+    }
+    (cut(bytes.len(), &starts, baud), found)
+}
+
 fn place_lidar(bytes: &[u8], measuring_mode: u8) -> (Vec<Stretch>, Lidar) {
-    let mut decoder = lms2xx::Decoder::new(measuring_mode);
-    let mut found = Lidar::default();
-    let mut starts: Vec<(usize, u64)> = Vec::new();
-    let mut place = |event: lms2xx::Event<'_>| match event {
+    let decoder = lms2xx::Decoder::new(measuring_mode);
+    place_scans(bytes, decoder, (Family::Lms2xx, LIDAR_BAUD), |event, starts, found| match event {
         lms2xx::Event::Scan { scan, missing } => {
             let period_us = scan.turns() as u64 * TURN_US as u64;
             let at_us = match starts.last() {
@@ -129,31 +153,18 @@ fn place_lidar(bytes: &[u8], measuring_mode: u8) -> (Vec<Stretch>, Lidar) {
                 // The first scan arrives when it has been measured.
                 None => BEGIN_US + period_us,
             };
-            // The decoder's clock is the place in the dump.
             starts.push((scan.stx.0 as usize, at_us));
         }
         lms2xx::Event::Reply { .. } => found.replies += 1,
         lms2xx::Event::Ack(_) | lms2xx::Event::Nak(_) => {}
-    };
-    for (at, &byte) in bytes.iter().enumerate() {
-        decoder.push(byte, DeviceTime(at as u64), &mut place);
-    }
-    decoder.finish(&mut place);
-    found.line = decoder.counters();
-    (found.scans, found.missing) = (decoder.scans(), decoder.scans_missing());
-    if let (Some(first), Some(last)) = (starts.first(), starts.last()) {
-        found.seconds = (last.1 - first.1) as f64 * 1e-6;
-    }
-    (cut(bytes.len(), &starts, LIDAR_BAUD), found)
+    })
 }
 
 /// Telegrams that say when they were sent.
 fn place_cola(bytes: &[u8]) -> (Vec<Stretch>, Lidar) {
-    let mut decoder = cola::Decoder::default();
-    let mut found = Lidar { family: Family::Cola, ..Lidar::default() };
-    let mut starts: Vec<(usize, u64)> = Vec::new();
     let mut sent: Option<u32> = None;
-    let mut place = |event: cola::Event<'_>| match event {
+    let line = (Family::Cola, u64::from(ETHERNET_BAUD));
+    place_scans(bytes, cola::Decoder::default(), line, |event, starts, found| match event {
         cola::Event::Scan { arrival, sent_us, .. } => {
             let since_us = sent.replace(sent_us).map_or(0, |before| u64::from(sent_us.wrapping_sub(before)));
             let last_us = starts.last().map_or(BEGIN_US, |&(_, at_us)| at_us);
@@ -162,17 +173,7 @@ fn place_cola(bytes: &[u8]) -> (Vec<Stretch>, Lidar) {
             starts.push((arrival.0 as usize, last_us + step_us));
         }
         cola::Event::Other(_) => found.replies += 1,
-    };
-    for (at, &byte) in bytes.iter().enumerate() {
-        decoder.push(byte, DeviceTime(at as u64), &mut place);
-    }
-    decoder.finish(&mut place);
-    found.line = decoder.counters();
-    (found.scans, found.missing) = (decoder.scans(), decoder.scans_missing());
-    if let (Some(first), Some(last)) = (starts.first(), starts.last()) {
-        found.seconds = (last.1 - first.1) as f64 * 1e-6;
-    }
-    (cut(bytes.len(), &starts, u64::from(ETHERNET_BAUD)), found)
+    })
 }
 
 fn place_ins(bytes: &[u8]) -> (Vec<Stretch>, Ins) {

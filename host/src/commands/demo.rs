@@ -77,8 +77,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         Device::InProcess => None,
         Device::Emulated => {
             emulated::require_qemu()?;
-            // What its lines carry: every second scan, which indices would count as missing, and as many poses.
-            (scene.scanner.index_bytes, scene.ins.rate_hz) = (false, scene.ins.rate_hz.min(50));
+            emulated::at_line_rates(&mut scene);
             Some(emulated::find_image(args.image.as_deref())?)
         }
     };

@@ -12,7 +12,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use super::scanner::{Mode, Scanner};
-use super::{Emulator, Options, Step, find_image, half_the_scans, require_qemu};
+use super::{Emulator, Options, Step, at_line_rates, find_image, half_the_scans, require_qemu};
 use crate::capture::{self, Chunk};
 use crate::simulate::{self, scene::Scene};
 
@@ -101,8 +101,8 @@ struct Drive {
 impl Drive {
     fn simulate() -> Result<Self, Box<dyn std::error::Error + Send + Sync>> {
         let mut scene = Scene::default();
-        // Indices would say that every second scan is missing.
-        (scene.drive.seconds, scene.ins.rate_hz, scene.scanner.index_bytes) = (SECONDS, 50, false);
+        scene.drive.seconds = SECONDS;
+        at_line_rates(&mut scene);
         let file = tempfile::Builder::new().prefix("crossfall-bench").suffix(".mcap").tempfile()?.into_temp_path();
         let mut writer = capture::Writer::create(&file)?;
         simulate::simulate(&scene, &mut writer, |_| ())?;

@@ -18,4 +18,4 @@ pub use collector::Collector;
 pub use drive::{Act, Played, Step, every_second};
 pub use image::{Missing, find_image, require_qemu};
 pub use monitor::Monitor;
-pub use survey::{Error, Surveyed, half_the_scans, survey};
+pub use survey::{Error, Surveyed, at_line_rates, half_the_scans, survey};

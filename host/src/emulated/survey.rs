@@ -11,6 +11,7 @@ use crossfall_core::protocol::schema;
 use super::scanner::{Mode, Scanner};
 use super::{Emulator, Options, Played, Step};
 use crate::capture::{Channel, Chunk};
+use crate::simulate::scene::Scene;
 use crate::{interrupt, log, output};
 
 /// How long the board may take to boot and say hello, and to answer a command.
@@ -180,6 +181,12 @@ impl Emulator {
         let status = |message: &Message<'_>| if let Message::Status(status) = message { Some(*status) } else { None };
         self.link.wait_for(at.max(stopped), limit, status).map(|(_, status)| status).ok_or_else(|| late("status"))
     }
+}
+
+/// Makes a scene's drive one for the emulated lines, of which [`half_the_scans`] are played: without the indices, which would say that every second
+/// scan is missing, and with 50 poses a second at most.
+pub fn at_line_rates(scene: &mut Scene) {
+    (scene.scanner.index_bytes, scene.ins.rate_hz) = (false, scene.ins.rate_hz.min(50));
 }
 
 /// Every second chunk of the scanner: half its rate, where every telegram is a chunk of its own, as [`simulate`](crate::simulate) writes them.

@@ -9,7 +9,7 @@ use crossfall::emulated::scanner::{Mode, Scanner};
 use crossfall::simulate::scene::Scene;
 use crossfall::{capture, info, log, simulate, verify};
 use crossfall_core::protocol::message::{Message, Status};
-use crossfall_tests::emulator::{Emulator, Image, Options, Step, half_the_scans, image};
+use crossfall_tests::emulator::{Emulator, Image, Options, Step, at_line_rates, half_the_scans, image};
 
 /// Seconds of drive unless told otherwise.
 const SECONDS: u64 = 600;
@@ -58,7 +58,8 @@ fn soak(seconds: u64) -> Result<Vec<String>, Failure> {
     let scratch = tempfile::tempdir()?;
     let drive_path = scratch.path().join("drive.mcap");
     let mut scene = Scene::default();
-    (scene.drive.seconds, scene.ins.rate_hz, scene.scanner.index_bytes) = (seconds as f64, 50, false);
+    scene.drive.seconds = seconds as f64;
+    at_line_rates(&mut scene);
     let mut writer = capture::Writer::create(&drive_path)?;
     let made = simulate::simulate(&scene, &mut writer, |_| ())?;
     writer.finish()?;

@@ -10,7 +10,7 @@ use crossfall::simulate::scene::Scene;
 use crossfall::simulate::{self, truth};
 use crossfall_core::protocol::DeviceTime;
 use crossfall_core::protocol::message::{Level, Message, Status};
-use crossfall_tests::emulator::{Emulator, Image, Options, Step, every_second, half_the_scans, image};
+use crossfall_tests::emulator::{Emulator, Image, Options, Step, at_line_rates, every_second, half_the_scans, image};
 use crossfall_tests::lms_emulator::{Mode, Scanner};
 
 /// First bytes of a scan's telegram of 361 values without indices (TL, B0h) and of a short NovAtel header.
@@ -31,8 +31,8 @@ pub fn half_rate_drive(folder: &Path) -> Vec<Chunk> {
 /// A simulated drive as the emulator's lines carry it - 18.8 scans and 50 poses a second -, and its truth, a row for each of these scans.
 pub fn simulated_drive(folder: &Path, seconds: f64) -> (Vec<Chunk>, Vec<truth::Row>) {
     let mut scene = Scene::default();
-    // Indices would say that every second scan is missing.
-    (scene.drive.seconds, scene.ins.rate_hz, scene.scanner.index_bytes) = (seconds, 50, false);
+    scene.drive.seconds = seconds;
+    at_line_rates(&mut scene);
     let path = folder.join("drive.mcap");
     let mut writer = capture::Writer::create(&path).expect("a capture");
     let made = simulate::simulate(&scene, &mut writer, |_| ()).expect("a drive");
