@@ -239,7 +239,7 @@ impl<'a> TerrainMap<'a> {
         );
         self.frame = self.frame.wrapping_add(1);
         self.settle(others, tall, &mut report.points);
-        self.fuse([settled, others], &mut report.points);
+        self.fuse([settled, others], (projection.sensor_height(), tall), &mut report.points);
         let stamp = self.stamp();
         // In a line's only look at a place its first hit is all there will be.
         raise(&mut self.window, &self.marks, if self.config.push_broom { TALL_CERTAIN } else { 1 }, stamp);
@@ -337,23 +337,33 @@ impl<'a> TerrainMap<'a> {
             let Some(mark) = self.marks.get_mut(slot) else { continue };
             let lies = mark.stands(cell, sample.z, tall);
             sample.left_out = lies != Lies::Ground;
+            if lies == Lies::Standing {
+                self.image.stand(sample.column, sample.range_cm);
+            }
             counts.leave_out(lies);
         }
     }
 
     /// Fuses the samples from either end of the storage, in the order of the points.
-    fn fuse(&mut self, [front, back]: [usize; 2], counts: &mut PointCounts) {
+    fn fuse(&mut self, [front, back]: [usize; 2], (sensor, tall): (i32, Tall), counts: &mut PointCounts) {
         let from = self.samples.len().saturating_sub(back);
         let front = self.samples.get(..front).unwrap_or_default();
         let back = self.samples.get(from..).unwrap_or_default();
         let stamp = (self.frame & 255) as u8;
         let closed = self.marks.close_around_hits(&self.window);
+        if closed {
+            self.image.widen();
+        }
+        let image = &self.image;
+        let beneath = |sample: &Sample| {
+            image.is_beneath(sample.column, sample.range_cm, sensor.saturating_sub(sample.z), tall.stands)
+        };
         let mut pour = |sample: &Sample| {
             let (slot, cell) = sample.at();
             if sample.left_out {
                 return;
             }
-            if closed && self.marks.get(slot).is_some_and(|mark| mark.is_closed(cell)) {
+            if closed && (self.marks.get(slot).is_some_and(|mark| mark.is_closed(cell)) || beneath(sample)) {
                 counts.beside_standing += 1;
             } else if let Some(tile) = self.window.tiles.get_mut(slot) {
                 tile.fuse(cell, sample.z, sample.weight, stamp, &self.margins);

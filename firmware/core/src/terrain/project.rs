@@ -7,7 +7,7 @@ use super::align::Correction;
 use super::config::TerrainConfig;
 use super::geometry::{Pose, dot};
 use super::marks::{Board, Lies, Tall};
-use super::sight::{Direction, RangeImage};
+use super::sight::{Direction, RangeImage, column_of};
 use super::tile::{UNITS_PER_M, WEIGHT_ONE};
 use super::window::Window;
 
@@ -19,6 +19,9 @@ pub struct Sample {
     /// 256 times the slot, and the cell.
     place: i32,
     pub(crate) weight: u16,
+    /// Azimuth and horizontal range, as in the range image.
+    pub(crate) column: u16,
+    pub(crate) range_cm: u16,
     /// Found not to be ground after all.
     pub(crate) left_out: bool,
 }
@@ -69,7 +72,7 @@ pub struct PointCounts {
     pub overhead: u32,
     /// On something that stands.
     pub standing: u32,
-    /// On the ground right beside something that stands: left out of this frame.
+    /// On the ground right beside something that stands, or seen beneath it: left out of this frame.
     pub beside_standing: u32,
     /// Fused into the map.
     pub fused: u32,
@@ -389,6 +392,9 @@ pub(crate) fn project(
             let lies = mark.judge(place as u8, z, tall);
             if !matches!(lies, Lies::Ground | Lies::Unsettled) {
                 counts.leave_out(lies);
+                if lies == Lies::Standing {
+                    image.stand(column_of(block.pixel[lane]), block.range_cm[lane] as u16);
+                }
                 continue;
             }
             if front >= back {
@@ -403,7 +409,14 @@ pub(crate) fn project(
                 back
             };
             if let Some(sample) = samples.get_mut(at) {
-                *sample = Sample { z, place, weight: block.weight[lane] as u16, left_out: false };
+                *sample = Sample {
+                    z,
+                    place,
+                    weight: block.weight[lane] as u16,
+                    column: column_of(block.pixel[lane]),
+                    range_cm: block.range_cm[lane] as u16,
+                    left_out: false,
+                };
             }
         }
         counts.out_of_window += left - inside;

@@ -41,6 +41,7 @@ pub(crate) fn measure(tile: &mut Tile, review: Option<u8>) {
     }
 }
 
+/// Medians that stand on many pairs are kept until a sixteenth of the tile's cells has been added: they hardly move.
 fn survey(tile: &mut Tile) {
     let mut known = 0i32;
     let mut sum = 0i32;
@@ -52,6 +53,11 @@ fn survey(tile: &mut Tile) {
     }
     tile.known = known as u16;
     tile.ground = sum.checked_div(known).unwrap_or(0) as i16;
+    if tile.pairs.iter().all(|pairs| u16::from(*pairs) >= SURE) && tile.known.abs_diff(tile.surveyed) < tile.known >> 4
+    {
+        return;
+    }
+    tile.surveyed = tile.known;
     let padded = Padded::of(tile);
     let (x, x_pairs) = median_rise(&padded, 1);
     let (y, y_pairs) = median_rise(&padded, TILE_SIDE);
@@ -70,7 +76,7 @@ fn give_up_impressions(tile: &mut Tile, stamp: u8) -> bool {
             *level = (i32::from(*height) - slope).clamp(-32_000, 32_000) as i16;
         }
     }
-    let floor = quantile(&levels, tile.known / 10 + 1, 32_000);
+    let floor = quantile(32_000, tile.known / 10 + 1, |bound| at_most(&levels, bound));
     let mut any = false;
     for (index, level) in levels.iter().enumerate() {
         let seen = tile.held[index & 255].stamp;
@@ -108,8 +114,11 @@ impl Padded {
     }
 }
 
-/// Median of the rises over four cells along x (`stride` 1) or y (`stride` 16), and how many there are. A sparse tile
-/// uses another span where that has more pairs.
+/// Median of the rises over four cells along x (`stride` 1) or y (`stride` 16), and how much it is worth: the pairs behind it, at most five for
+/// each line that they begin on. A sparse tile uses another span where that has more pairs.
+///
+/// Every line across the rise has the same vote, however many pairs begin on it. Far off, the face of a bump is hit by every ring while the road
+/// before it is crossed here and there and the road behind it lies in its shadow: pair by pair, the face would be the tile's gradient.
 fn median_rise(padded: &Padded, stride: usize) -> (i16, u8) {
     let mut best = [NONE; TILE_CELLS];
     let (mut pairs, mut over) = (0, SPAN);
@@ -123,9 +132,35 @@ fn median_rise(padded: &Padded, stride: usize) -> (i16, u8) {
             break;
         }
     }
-    let median = i32::from(median(&best, pairs, limit(over)));
+    if pairs == 0 {
+        return (0, 0);
+    }
+    let (votes, total, lines) = votes(&best, stride);
+    let median = i32::from(quantile(limit(over), (total + 1) >> 1, |bound| weight_at_most(&best, &votes, bound)));
     let over_four = median * SPAN as i32 / over.max(1) as i32;
-    (over_four as i16, pairs.min(255) as u8)
+    (over_four as i16, pairs.min(5 * lines).min(255) as u8)
+}
+
+/// The vote of each pair: a line's 240 divided by its pairs, at most 60; their sum, and the lines that have pairs.
+fn votes(rises: &Rises, stride: usize) -> (Rises, u16, u16) {
+    let mut counts = [0u16; TILE_SIDE];
+    for (row, rises) in rises.as_chunks::<TILE_SIDE>().0.iter().enumerate() {
+        if stride == 1 {
+            for (count, rise) in counts.iter_mut().zip(rises) {
+                *count += u16::from(*rise != NONE);
+            }
+        } else {
+            counts[row & 15] = rises.iter().map(|rise| u16::from(*rise != NONE)).sum();
+        }
+    }
+    let each = counts.map(|count| 240u16.checked_div(count.max(4)).unwrap_or(0) as i16);
+    let mut votes = [0; TILE_CELLS];
+    for (row, out) in votes.as_chunks_mut::<TILE_SIDE>().0.iter_mut().enumerate() {
+        *out = if stride == 1 { each } else { [each[row & 15]; TILE_SIDE] };
+    }
+    // 16 lines of 240 at most.
+    let total = counts.iter().zip(each).map(|(count, each)| count * each as u16).sum();
+    (votes, total, counts.iter().map(|count| u16::from(*count > 0)).sum())
 }
 
 fn limit(span: usize) -> i16 {
@@ -166,18 +201,13 @@ fn differences((starts, from): (&Rises, &Rises), (ends, to): (&Rises, &Rises), l
     }
 }
 
-/// Smallest value with at least half of the pairs at or below it.
-fn median(rises: &Rises, pairs: u16, limit: i16) -> i16 {
-    if pairs == 0 { 0 } else { quantile(rises, pairs.div_ceil(2), limit) }
-}
-
-/// Smallest value from `-limit` to `limit` with at least `count` of the values at or below it, by bisection on the value: counting is
-/// a branchless pass over 256 words.
-fn quantile(values: &Rises, count: u16, limit: i16) -> i16 {
+/// Smallest value from `-limit` to `limit` at or below which lies at least `share`, by bisection on the value: summing up is a branchless pass
+/// over 256 words.
+fn quantile(limit: i16, share: u16, at_most: impl Fn(i16) -> u16) -> i16 {
     let (mut low, mut high) = (-limit, limit);
     while low < high {
         let middle = ((i32::from(low) + i32::from(high)) >> 1) as i16;
-        if at_most(values, middle) >= count {
+        if at_most(middle) >= share {
             high = middle;
         } else {
             low = middle + 1;
@@ -187,12 +217,21 @@ fn quantile(values: &Rises, count: u16, limit: i16) -> i16 {
 }
 
 #[inline(never)]
-fn at_most(rises: &Rises, bound: i16) -> u16 {
+fn at_most(values: &Rises, bound: i16) -> u16 {
     let mut count = 0i16;
-    for rise in rises {
-        count += i16::from(*rise <= bound);
+    for value in values {
+        count += i16::from(*value <= bound);
     }
     count as u16
+}
+
+#[inline(never)]
+fn weight_at_most(values: &Rises, weights: &Rises, bound: i16) -> u16 {
+    let mut sum = 0i16;
+    for cell in 0..TILE_CELLS {
+        sum += weights[cell] & -i16::from(values[cell] <= bound);
+    }
+    sum as u16
 }
 
 /// Pools the medians of a tile's neighbourhood: none where nothing around is known well enough.

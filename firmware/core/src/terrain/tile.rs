@@ -103,6 +103,8 @@ pub struct Tile {
     /// Mean height of the known cells above the base, and how many there are (as of the last refresh).
     pub(crate) ground: i16,
     pub(crate) known: u16,
+    /// Known cells when the medians were worked out.
+    pub(crate) surveyed: u16,
     /// Median rise over four cells towards x and y within this tile, and the pairs behind each.
     pub(crate) own_rise: [i16; 2],
     pub(crate) pairs: [u8; 2],
@@ -132,6 +134,7 @@ impl Tile {
         base: 0,
         ground: 0,
         known: 0,
+        surveyed: 0,
         own_rise: [0; 2],
         pairs: [0; 2],
         rise: [0; 2],
