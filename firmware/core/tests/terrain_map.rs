@@ -260,7 +260,9 @@ fn what_lies_in_a_box_never_enters_the_map() {
 fn what_is_seen_beneath_a_standing_body_is_left_out_and_what_is_seen_past_it_is_not() {
     let mut memory = Memory::new();
     let mut map = memory.map();
-    let road = frame(|_, _| 0.0);
+    // A road of which a strip across is not known yet.
+    let mut road = frame(|_, _| 0.0);
+    road.retain(|point| (point[0] - 5.75).abs() > 0.01);
     map.integrate(&road, &pose(0, 0), 100_000, &[], |_| {});
     // A bumper 0.5 to 0.9 m up, 5 m ahead and 2 m wide; beneath it, 0.7 m behind, a wheel's foot; and the road beside the body.
     let mut points: Vec<[f32; 4]> = Vec::new();
@@ -273,10 +275,8 @@ fn what_is_seen_beneath_a_standing_body_is_left_out_and_what_is_seen_past_it_is_
     let report = map.integrate(&points, &pose(0, 0), 100_000, &[], |_| {});
     assert_eq!((report.points.standing, report.points.beside_standing, report.points.fused), (205, 41, 41));
     map.refresh_all();
-    let beneath = (-9..9).filter_map(|iy| cell(&map, 57, iy)?.height).max();
-    let beside = (25..35).filter_map(|iy| cell(&map, 57, iy)?.height).max();
-    // Quarter millimetres: the road as it was, and drawn up by the point beside it.
-    assert!(beneath.unwrap() + 40 < beside.unwrap(), "{beneath:?} {beside:?}");
+    let known = |rows: std::ops::Range<i32>| rows.filter(|iy| cell(&map, 57, *iy).unwrap().height.is_some()).count();
+    assert_eq!((known(-9..9), known(25..35)), (0, 10));
 }
 
 #[test]
