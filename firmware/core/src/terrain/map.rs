@@ -358,20 +358,22 @@ impl<'a> TerrainMap<'a> {
         let beneath = |sample: &Sample| {
             image.is_beneath(sample.column, sample.range_cm, sensor.saturating_sub(sample.z), tall.stands)
         };
-        let mut pour = |sample: &Sample| {
+        let (marks, tiles, margins) = (&self.marks, &mut *self.window.tiles, &self.margins);
+        let (mut fused, mut beside) = (0, 0);
+        for sample in front.iter().chain(back.iter().rev()) {
             let (slot, cell) = sample.at();
             if sample.left_out {
-                return;
+                continue;
             }
-            if closed && (self.marks.get(slot).is_some_and(|mark| mark.is_closed(cell)) || beneath(sample)) {
-                counts.beside_standing += 1;
-            } else if let Some(tile) = self.window.tiles.get_mut(slot) {
-                tile.fuse(cell, sample.z, sample.weight, stamp, &self.margins);
-                counts.fused += 1;
+            if closed && (marks.get(slot).is_some_and(|mark| mark.is_closed(cell)) || beneath(sample)) {
+                beside += 1;
+            } else if let Some(tile) = tiles.get_mut(slot) {
+                tile.fuse(cell, sample.z, sample.weight, stamp, margins);
+                fused += 1;
             }
-        };
-        front.iter().for_each(&mut pour);
-        back.iter().rev().for_each(&mut pour);
+        }
+        counts.fused = fused;
+        counts.beside_standing = beside;
     }
 
     /// Tells gradient, relief, risk and class of every tile anew, so that all of them stand on the same heights.

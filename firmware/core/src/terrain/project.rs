@@ -231,15 +231,9 @@ impl Block {
         range_cm: [0; BLOCK],
     };
 
-    /// Directions and ranges of the points: what the range image needs. A block that is not full ends in what are no numbers.
-    fn look(&mut self, points: &[[f32; 4]]) {
-        let [xs, ys, zs] = &mut self.points;
-        if points.len() < BLOCK {
-            (*xs, *ys, *zs) = ([f32::NAN; BLOCK], [f32::NAN; BLOCK], [f32::NAN; BLOCK]);
-        }
-        for (((x, y), z), point) in xs.iter_mut().zip(ys.iter_mut()).zip(zs.iter_mut()).zip(points) {
-            [*x, *y, *z, _] = *point;
-        }
+    /// Directions and ranges of the points: what the range image needs.
+    fn look(&mut self, points: &[[f32; 4]; BLOCK]) {
+        transpose(points, &mut self.points);
         polar(&self.points, &mut self.turn, &mut self.range2, &mut self.pixel, &mut self.range_cm);
     }
 
@@ -266,6 +260,13 @@ struct Limits {
 }
 
 // One loop each and never inlined: so they become vector instructions, and stay so.
+
+#[inline(never)]
+fn transpose(points: &[[f32; 4]; BLOCK], [xs, ys, zs]: &mut [Lane; 3]) {
+    for lane in 0..BLOCK {
+        [xs[lane], ys[lane], zs[lane], _] = points[lane];
+    }
+}
 
 #[inline(never)]
 fn polar(points: &[Lane; 3], turns: &mut Lane, range2: &mut Lane, pixels: &mut Words, range_cm: &mut Words) {
@@ -367,14 +368,20 @@ pub(crate) fn project(
     };
     let (mut front, mut back) = (0, samples.len());
     let mut block = Block::EMPTY;
-    for points in points.chunks(BLOCK) {
+    let (whole, rest) = points.as_chunks::<BLOCK>();
+    // A block that is not full ends in what are no numbers.
+    let mut last = [[f32::NAN; 4]; BLOCK];
+    let missing = if rest.is_empty() { 0 } else { BLOCK - rest.len() };
+    for (place, point) in last.iter_mut().zip(rest) {
+        *place = *point;
+    }
+    counts.not_finite = 0u32.wrapping_sub(missing as u32);
+    for points in whole.iter().chain((missing > 0).then_some(&last)) {
         block.look(points);
-        for lane in 0..BLOCK {
-            image.see(block.pixel[lane], block.range_cm[lane]);
-        }
+        image.see(&block.pixel, &block.range_cm);
         let [not_finite, out_of_range, behind] = tally(&limits, &block.range2, &block.turn);
         let left = BLOCK as u32 - not_finite - out_of_range - behind;
-        counts.not_finite += not_finite - (BLOCK - points.len()) as u32;
+        counts.not_finite = counts.not_finite.wrapping_add(not_finite);
         counts.out_of_range += out_of_range;
         counts.behind += behind;
         if left == 0 {

@@ -125,11 +125,12 @@ impl<'a> RangeImage<'a> {
         i64::from(below) * i64::from(behind) < i64::from(stands) * i64::from(range_cm)
     }
 
-    /// Enters a horizontal range, in centimetres.
-    #[inline]
-    pub(crate) fn see(&mut self, pixel: i32, range_cm: i32) {
-        if let Some(held) = self.pixels.get_mut(pixel as u32 as usize) {
-            *held = (*held).max(range_cm as u16);
+    /// Enters horizontal ranges, in centimetres.
+    pub(crate) fn see(&mut self, pixels: &[i32], ranges_cm: &[i32]) {
+        for (pixel, range_cm) in pixels.iter().zip(ranges_cm) {
+            if let Some(held) = self.pixels.get_mut(*pixel as u32 as usize) {
+                *held = (*held).max(*range_cm as u16);
+            }
         }
     }
 
@@ -195,7 +196,7 @@ mod tests {
                 let scale = 40.0;
                 let (y, z) = (step as f32 * 0.1, scale * (-0.05 + up as f32 * 0.003));
                 let seen = Direction::of(scale, y, z);
-                image.see(seen.pixel(), (seen.range * 100.0) as i32);
+                image.see(&[seen.pixel()], &[(seen.range * 100.0) as i32]);
             }
         }
         let (beyond, blocked) = image.through([20.0, 0.0, -1.0], [20.0, 0.0, 0.0]);
