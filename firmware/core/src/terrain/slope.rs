@@ -41,7 +41,7 @@ pub(crate) fn measure(tile: &mut Tile, review: Option<u8>) {
     }
 }
 
-/// Medians that stand on many pairs are kept until a sixteenth of the tile's cells has been added: they hardly move.
+/// Medians that stand on many pairs are kept until an eighth of the tile's cells has been added: they hardly move.
 fn survey(tile: &mut Tile) {
     let mut known = 0i32;
     let mut sum = 0i32;
@@ -53,7 +53,7 @@ fn survey(tile: &mut Tile) {
     }
     tile.known = known as u16;
     tile.ground = sum.checked_div(known).unwrap_or(0) as i16;
-    if tile.pairs.iter().all(|pairs| u16::from(*pairs) >= SURE) && tile.known.abs_diff(tile.surveyed) < tile.known >> 4
+    if tile.pairs.iter().all(|pairs| u16::from(*pairs) >= SURE) && tile.known.abs_diff(tile.surveyed) < tile.known >> 3
     {
         return;
     }
