@@ -8,7 +8,7 @@
 //! quarter of the noise. What fills half of the fifteen scans in a row counts as ground.
 //!
 //! Along the road: a scan speaks for the road halfway to its neighbours on either side, and for five times the mean of that at most. A vehicle that
-//! slows down, or slopes that are not found in some scans, do not shift the mean.
+//! slows down or stops, or slopes that are not found in some scans, do not shift the mean.
 //!
 //! The interval has two parts. The scans' own intervals are independent and shrink with their number. The inertial unit's roll error is common to
 //! neighbouring scans and does not: [`ROLL_SD_DEG`] is added to every interval, so that no number of scans claims more than the unit can give.
@@ -27,7 +27,7 @@ const NEIGHBOURS: usize = 15;
 /// Robust standard deviations beyond which a scan counts as no further off.
 const BEND: f64 = 2.5;
 
-/// A scan speaks for so many times the mean spacing at most.
+/// A scan speaks for so many times the mean spacing at most, of a vehicle that moves.
 const MOST_SPACINGS: f64 = 5.0;
 
 /// Half width of a 95 % interval in standard deviations.
@@ -129,7 +129,8 @@ impl Samples {
         let step = |i: usize| self.held.get(i..i + 2).map_or(f64::NAN, |pair| (pair[1].at - pair[0].at).abs());
         let count = self.held.len();
         let steps: Vec<f64> = (0..count.saturating_sub(1)).map(step).collect();
-        let most = MOST_SPACINGS * steps.iter().sum::<f64>() / steps.len() as f64;
+        let moved = steps.iter().filter(|step| **step > 0.0).count();
+        let most = MOST_SPACINGS * steps.iter().sum::<f64>() / moved as f64;
         let mut shares: Vec<f64> = (0..count)
             .map(|i| match (i.checked_sub(1).and_then(|before| steps.get(before)), steps.get(i)) {
                 (Some(before), Some(behind)) => ((before + behind) / 2.0).min(most),
