@@ -257,6 +257,29 @@ fn what_lies_in_a_box_never_enters_the_map() {
 }
 
 #[test]
+fn what_is_seen_beneath_a_standing_body_is_left_out_and_what_is_seen_past_it_is_not() {
+    let mut memory = Memory::new();
+    let mut map = memory.map();
+    // A road of which a strip across is not known yet.
+    let mut road = frame(|_, _| 0.0);
+    road.retain(|point| (point[0] - 5.75).abs() > 0.01);
+    map.integrate(&road, &pose(0, 0), 100_000, &[], |_| {});
+    // A bumper 0.5 to 0.9 m up, 5 m ahead and 2 m wide; beneath it, 0.7 m behind, a wheel's foot; and the road beside the body.
+    let mut points: Vec<[f32; 4]> = Vec::new();
+    for k in -20..=20 {
+        let y = 0.05 * k as f32;
+        points.extend((5..=9).map(|up| [5.0, y, 0.1 * up as f32 - UP, 0.0]));
+        points.push([5.7, y, 0.06 - UP, 0.0]);
+        points.push([5.7, y + 3.0, 0.03 - UP, 0.0]);
+    }
+    let report = map.integrate(&points, &pose(0, 0), 100_000, &[], |_| {});
+    assert_eq!((report.points.standing, report.points.beside_standing, report.points.fused), (205, 41, 41));
+    map.refresh_all();
+    let known = |rows: std::ops::Range<i32>| rows.filter(|iy| cell(&map, 57, *iy).unwrap().height.is_some()).count();
+    assert_eq!((known(-9..9), known(25..35)), (0, 10));
+}
+
+#[test]
 fn a_frame_that_does_not_lie_on_the_map_is_left_out_and_three_begin_it_anew() {
     let mut memory = Memory::new();
     let mut map = memory.map();

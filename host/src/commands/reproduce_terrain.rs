@@ -67,7 +67,7 @@ fn scenes(seed: u64) -> Vec<(String, TerrainScene)> {
     all.push(("bend R 200 m, outer curb".to_owned(), outer));
     let mut bumps = base();
     // At the last frame the vehicle is at 24.5 m.
-    bumps.road.bumps = [(19.0, 0.05), (25.0, 0.03), (31.0, 0.08), (36.0, 0.10)]
+    bumps.road.bumps = [(21.0, 0.05), (26.0, 0.03), (31.0, 0.08), (36.0, 0.10)]
         .map(|(ahead, height_m)| Bump { at_m: 24.5 + ahead, length_m: 0.9, height_m })
         .to_vec();
     all.push(("bumps".to_owned(), bumps));

@@ -12,7 +12,7 @@
 use core::cmp::Ordering;
 
 use super::geometry::dot;
-use super::project::Projection;
+use super::project::{Projection, least};
 use super::sight::Direction;
 use super::tile::UNITS_PER_M;
 use super::window::Window;
@@ -56,6 +56,8 @@ pub(crate) struct Correction {
 const SCALE: f32 = 1.0 / 256.0;
 /// Pairs below which nothing is corrected: the map is too young.
 const FEW: u32 = 60;
+/// Largest difference that is looked at, quarter millimetres.
+const FARTHEST: f32 = 2000.0;
 /// Weight margin of a settled cell: 0.7 sigma at most 8 mm.
 const SETTLED: u8 = 32;
 
@@ -78,11 +80,11 @@ pub(crate) fn align(
         if !(range2 >= near2 && range2 <= far2) {
             continue;
         }
-        let turn = Direction::of(x, y, z).turn;
-        // Behind the beam the turn is at its ends, where rates explain least.
-        if turn.abs() > 0.2 {
+        // The turn is within a fifth of straight ahead. Behind the beam it is at its ends, where rates explain least.
+        if !(y.abs() <= 4.0 * x) {
             continue;
         }
+        let turn = Direction::of(x, y, z).turn;
         let (offset, height) = projection.apply(p, turn);
         let (u, v) = (offset[0] + projection.origin[0], offset[1] + projection.origin[1]);
         if !(u >= 0.0 && v >= 0.0 && u < cells && v < cells) {
@@ -98,7 +100,7 @@ pub(crate) fn align(
         let known = tile.base.saturating_add(i32::from(tile.height[index & 255]));
         let off = height.saturating_sub(known);
         // Beyond half a metre it is another thing, not a misfit.
-        if off.abs() > 2000 {
+        if off.abs() > FARTHEST as i32 {
             continue;
         }
         let Some(pair) = pairs.get_mut(used) else { break };
@@ -113,20 +115,22 @@ pub(crate) fn align(
     let mut fit = [0.0f32; TERMS];
     // Quarter millimetres: 20, 8, 4, 4 cm.
     for gate in [800.0f32, 320.0, 160.0, 160.0] {
-        let inverse = 1.0 / (gate * gate);
         // The prior is worth two thousandths of the pairs; a tenth of that for tilts, whose unit is 25.6 m.
         let prior = used as f32 * 0.002;
-        let mut normal = Normal::new([prior, 0.1 * prior, 0.1 * prior, prior, 0.1 * prior, 0.1 * prior]);
+        let mut sums = Sums::new();
+        let mut block = [[0.0; LANES]; 4];
         report.within = 0;
-        for pair in pairs {
-            let terms = pair.terms();
-            let left = pair.off - terms.iter().zip(&fit).map(|(a, b)| a * b).sum::<f32>();
-            let u = left * left * inverse;
-            if u < 1.0 {
-                report.within += 1;
-                normal.add(&terms, pair.off, (1.0 - u) * (1.0 - u));
+        for pairs in pairs.chunks(LANES) {
+            // What a block lacks is far off.
+            block[3] = [f32::MAX; LANES];
+            for (lane, pair) in pairs.iter().enumerate() {
+                for (lanes, value) in block.iter_mut().zip([pair.x, pair.y, pair.turn, pair.off]) {
+                    lanes[lane & (LANES - 1)] = value;
+                }
             }
+            report.within += sums.add(&block, &fit, gate);
         }
+        let normal = sums.finish([prior, 0.1 * prior, 0.1 * prior, prior, 0.1 * prior, 0.1 * prior]);
         fit = normal.solve().unwrap_or(fit);
     }
     let fit = fit.map(|term| term * KEPT);
@@ -148,40 +152,88 @@ const TERMS: usize = 6;
 /// of the first pose would otherwise stay in it for ever.
 const KEPT: f32 = 0.98;
 
-impl Pair {
-    fn terms(&self) -> [f32; TERMS] {
-        [1.0, self.x, self.y, self.turn, self.turn * self.x, self.turn * self.y]
+/// Pairs that are summed side by side.
+const LANES: usize = 8;
+type Lanes = [f32; LANES];
+
+/// The terms of the fit: one, x, y, turn, turn x, turn y.
+#[inline(always)]
+fn terms([x, y, turn, _]: &[Lanes; 4]) -> [Lanes; TERMS] {
+    let mut out = [[1.0; LANES], *x, *y, *turn, *x, *y];
+    for lane in 0..LANES {
+        out[4][lane] *= turn[lane];
+        out[5][lane] *= turn[lane];
+    }
+    out
+}
+
+/// Sums of the weighted normal equations, lane by lane: of the matrix the lower triangle.
+struct Sums {
+    matrix: [[Lanes; TERMS]; TERMS],
+    right: [Lanes; TERMS],
+}
+
+impl Sums {
+    fn new() -> Self {
+        Self { matrix: [[[0.0; LANES]; TERMS]; TERMS], right: [[0.0; LANES]; TERMS] }
+    }
+
+    /// Adds a block of pairs, each with Tukey's weight of what the fit leaves of it; how many lie within the gate.
+    #[inline(never)]
+    fn add(&mut self, block: &[Lanes; 4], fit: &[f32; TERMS], gate: f32) -> u32 {
+        let off = &block[3];
+        let terms = terms(block);
+        let inverse = 1.0 / (gate * gate);
+        let mut weight = [0.0f32; LANES];
+        let mut within = 0;
+        for lane in 0..LANES {
+            let mut left = off[lane];
+            for term in 0..TERMS {
+                left -= terms[term][lane] * fit[term];
+            }
+            let u = left * left * inverse;
+            let inside = u < 1.0;
+            within += u32::from(inside);
+            weight[lane] = if inside { (1.0 - u) * (1.0 - u) } else { 0.0 };
+        }
+        for row in 0..TERMS {
+            let mut weighted = [0.0; LANES];
+            for lane in 0..LANES {
+                weighted[lane] = weight[lane] * terms[row][lane];
+                // Where nothing is to be weighed the difference may be as large as there are.
+                self.right[row][lane] += weighted[lane] * least(off[lane], FARTHEST);
+            }
+            for column in 0..=row {
+                for lane in 0..LANES {
+                    self.matrix[row][column][lane] += weighted[lane] * terms[column][lane];
+                }
+            }
+        }
+        within
+    }
+
+    fn finish(&self, prior: [f32; TERMS]) -> Normal {
+        let mut normal = Normal { matrix: [[0.0; TERMS]; TERMS], right: [0.0; TERMS] };
+        for row in 0..TERMS {
+            normal.right[row] = self.right[row].iter().sum();
+            for column in 0..=row {
+                let sum = self.matrix[row][column].iter().sum();
+                normal.matrix[row][column] = sum;
+                normal.matrix[column][row] = sum;
+            }
+            normal.matrix[row][row] += prior[row];
+        }
+        normal
     }
 }
 
-/// Weighted normal equations of the six terms: the lower triangle and the right side.
+/// Normal equations of the six terms.
 struct Normal {
     matrix: [[f32; TERMS]; TERMS],
     right: [f32; TERMS],
 }
 
 impl Normal {
-    fn new(prior: [f32; TERMS]) -> Self {
-        let mut matrix = [[0.0; TERMS]; TERMS];
-        for (index, (row, prior)) in matrix.iter_mut().zip(prior).enumerate() {
-            if let Some(value) = row.get_mut(index) {
-                *value = prior;
-            }
-        }
-        Self { matrix, right: [0.0; TERMS] }
-    }
-
-    #[inline]
-    fn add(&mut self, terms: &[f32; TERMS], value: f32, weight: f32) {
-        for ((row, right), term) in self.matrix.iter_mut().zip(&mut self.right).zip(terms) {
-            let weighted = weight * term;
-            *right += weighted * value;
-            for (entry, other) in row.iter_mut().zip(terms) {
-                *entry += weighted * other;
-            }
-        }
-    }
-
     /// Gaussian elimination; the matrix is symmetric and, with its prior, positive: pivots stay on the diagonal.
     fn solve(mut self) -> Option<[f32; TERMS]> {
         for pivot in 0..TERMS {
@@ -214,14 +266,22 @@ mod tests {
     #[test]
     fn the_normal_equations_return_the_terms_that_made_the_values() {
         let wanted = [12.0, -30.0, 7.0, 4.0, -9.0, 2.0];
-        let mut normal = Normal::new([1e-6; TERMS]);
-        for k in 0..200 {
-            let (x, y, turn) = ((k % 7) as f32 - 3.0, (k % 11) as f32 - 5.0, (k % 13) as f32 / 13.0 - 0.5);
-            let pair = Pair { x, y, turn, off: 0.0 };
-            let terms = pair.terms();
-            let value = terms.iter().zip(wanted).map(|(a, b)| a * b).sum();
-            normal.add(&terms, value, 0.7);
+        let mut sums = Sums::new();
+        for k in 0..25 {
+            let mut block = [[0.0; LANES]; 4];
+            for lane in 0..LANES {
+                let k = LANES * k + lane;
+                let (x, y, turn) = ((k % 7) as f32 - 3.0, (k % 11) as f32 - 5.0, (k % 13) as f32 / 13.0 - 0.5);
+                let terms = [1.0, x, y, turn, turn * x, turn * y];
+                let off = terms.iter().zip(wanted).map(|(a, b)| a * b).sum();
+                for (lanes, value) in block.iter_mut().zip([x, y, turn, off]) {
+                    lanes[lane] = value;
+                }
+            }
+            // A gate so wide that every weight is one.
+            assert_eq!(sums.add(&block, &[0.0; TERMS], 1e9), LANES as u32);
         }
+        let normal = sums.finish([1e-6; TERMS]);
         let fit = normal.solve().unwrap();
         for (got, wanted) in fit.iter().zip(wanted) {
             assert!((got - wanted).abs() < 1e-3, "{fit:?}");

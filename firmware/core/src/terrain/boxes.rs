@@ -1,7 +1,7 @@
 //! Boxes of moving objects: what lies inside them never enters the map.
 
 use super::geometry::Pose;
-use super::marks::Marks;
+use super::marks::Board;
 use super::project::Projection;
 use super::window::Window;
 
@@ -26,7 +26,7 @@ pub(crate) fn mark_boxes(
     cell_um: i64,
     pose: &Pose,
     window: &Window<'_>,
-    marks: &mut [Marks],
+    marks: &mut Board<'_>,
 ) {
     let cells = i32::from(window.side) * 16;
     let per_cell = 1.0 / cell_um.max(1) as f32;
@@ -52,10 +52,7 @@ pub(crate) fn mark_boxes(
                     continue;
                 }
                 let slot = window.slot(ix as u32 >> 4, iy as u32 >> 4);
-                if let Some(mark) = marks.get_mut(slot) {
-                    mark.touched = true;
-                    mark.boxed[(iy & 15) as usize] |= 1 << (ix & 15);
-                }
+                marks.cover(slot, ((iy & 15) << 4 | (ix & 15)) as u8, window);
             }
         }
     }

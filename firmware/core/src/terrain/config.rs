@@ -48,7 +48,7 @@ impl Default for TerrainConfig {
             overhang_m: 2.6,
             wheel_radius_mm: 320.0,
             push_broom: false,
-            refresh_every: 3,
+            refresh_every: 4,
         }
     }
 }

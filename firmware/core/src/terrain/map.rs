@@ -10,14 +10,14 @@ use super::boxes::{MovingBox, mark_boxes};
 use super::classify::{Outlook, classify};
 use super::config::TerrainConfig;
 use super::geometry::{Pose, Step, Track};
-use super::marks::{Marks, close_around_hits, settle_ground};
+use super::marks::{Board, Lies, Marks, Tall};
 use super::project::{PointCounts, Projection, Sample, Targets, project};
 use super::relief::{Patch, Relief};
 use super::risk::RiskTable;
 use super::sight::{RangeImage, RangePixels};
 use super::slope::{measure, pool};
 use super::standing::{look_through, raise};
-use super::tile::{TALL_CERTAIN, TILE_SIDE, Tile, TileKey, margin_table};
+use super::tile::{TALL_CERTAIN, TILE_CELLS, Tile, TileKey, UNITS_PER_M, margin_table};
 use super::window::{Neighbours, Window};
 
 /// Beyond this, 20 m, a tile's risk is told half as often: at any speed there is time for it, and most tiles lie there.
@@ -85,7 +85,7 @@ pub struct TerrainMap<'a> {
     config: TerrainConfig,
     cell_um: i64,
     window: Window<'a>,
-    marks: &'a mut [Marks],
+    marks: Board<'a>,
     samples: &'a mut [Sample],
     pairs: &'a mut [Pair],
     image: RangeImage<'a>,
@@ -121,12 +121,11 @@ impl<'a> TerrainMap<'a> {
         if storage.samples.is_empty() || storage.pairs.len() < 256 {
             return Err(SetUpError::Scratch);
         }
-        storage.marks.fill(Marks::EMPTY);
         Ok(Self {
             config,
             cell_um: (config.cell_m * 1e6 + 0.5) as i64,
             window: Window::new(storage.tiles, side),
-            marks: storage.marks,
+            marks: Board::new(storage.marks),
             samples: storage.samples,
             pairs: storage.pairs,
             image: RangeImage::new(storage.pixels),
@@ -220,28 +219,33 @@ impl<'a> TerrainMap<'a> {
         }
         self.misfits = 0;
 
-        for (mark, tile) in self.marks.iter_mut().zip(self.window.tiles.iter()) {
-            mark.reset(tile);
-        }
+        self.marks.clear();
         self.image.clear();
-        let used = project(
+        mark_boxes(boxes, &projection, self.cell_um, pose, &self.window, &mut self.marks);
+        let units = |metres: f32| (metres * UNITS_PER_M) as i32;
+        let tall = Tall { stands: units(self.config.tall_above_m), hangs: units(self.config.overhang_m) };
+        let [settled, others] = project(
             points,
             &projection,
             &self.config,
+            tall,
             &self.window,
-            Targets { samples: self.samples, marks: self.marks, image: &mut self.image, counts: &mut report.points },
+            Targets {
+                samples: self.samples,
+                marks: &mut self.marks,
+                image: &mut self.image,
+                counts: &mut report.points,
+            },
         );
-        mark_boxes(boxes, &projection, self.cell_um, pose, &self.window, self.marks);
-        settle_ground(&self.window, self.marks);
         self.frame = self.frame.wrapping_add(1);
-        self.tell_standing(used, &mut report.points);
-        self.fuse(used, &mut report.points);
+        self.settle(others, tall, &mut report.points);
+        self.fuse([settled, others], (projection.sensor_height(), tall), &mut report.points);
         let stamp = self.stamp();
         // In a line's only look at a place its first hit is all there will be.
-        raise(&mut self.window, self.marks, if self.config.push_broom { TALL_CERTAIN } else { 1 }, stamp);
+        raise(&mut self.window, &self.marks, if self.config.push_broom { TALL_CERTAIN } else { 1 }, stamp);
         if !self.config.push_broom {
             report.cleared =
-                look_through(&mut self.window, self.marks, &self.image, &projection, pose, &self.config, stamp);
+                look_through(&mut self.window, &self.marks, &self.image, &projection, pose, &self.config, stamp);
         }
         let due = self.schedule();
         report.refreshed = self.refresh(due);
@@ -321,41 +325,55 @@ impl<'a> TerrainMap<'a> {
         }
     }
 
-    fn tell_standing(&mut self, used: usize, counts: &mut PointCounts) {
-        let units = |metres: f32| (metres * super::tile::UNITS_PER_M) as i32;
-        let (tall, overhang) = (units(self.config.tall_above_m), units(self.config.overhang_m));
-        for sample in self.samples.iter_mut().take(used) {
-            let Some(mark) = self.marks.get_mut(usize::from(sample.slot)) else { continue };
-            if Marks::is_set(&mark.boxed, sample.cell) {
-                sample.stands = true;
-                counts.boxed += 1;
-                continue;
-            }
-            let above = mark.above(sample.cell, sample.z);
-            if above > overhang {
-                sample.stands = true;
-                counts.overhead += 1;
-            } else if above > tall {
-                sample.stands = true;
-                counts.standing += 1;
-                mark.hit(sample.cell);
-            }
+    /// Settles the ground of tiles that the map does not know, and judges their points: `count` samples at the storage's end.
+    fn settle(&mut self, count: usize, tall: Tall, counts: &mut PointCounts) {
+        if count == 0 {
+            return;
         }
-        close_around_hits(&self.window, self.marks);
+        self.marks.settle(&self.window);
+        let from = self.samples.len().saturating_sub(count);
+        for sample in self.samples.get_mut(from..).unwrap_or_default() {
+            let (slot, cell) = sample.at();
+            let Some(mark) = self.marks.get_mut(slot) else { continue };
+            let lies = mark.stands(cell, sample.z, tall);
+            sample.left_out = lies != Lies::Ground;
+            if lies == Lies::Standing {
+                self.image.stand(sample.column, sample.range_cm);
+            }
+            counts.leave_out(lies);
+        }
     }
 
-    fn fuse(&mut self, used: usize, counts: &mut PointCounts) {
-        let stamp = self.stamp();
-        for sample in self.samples.iter().take(used).filter(|sample| !sample.stands) {
-            let slot = usize::from(sample.slot);
-            let (Some(tile), Some(mark)) = (self.window.tiles.get_mut(slot), self.marks.get(slot)) else { continue };
-            if Marks::is_set(&mark.closed, sample.cell) {
-                counts.beside_standing += 1;
+    /// Fuses the samples from either end of the storage, in the order of the points.
+    fn fuse(&mut self, [front, back]: [usize; 2], (sensor, tall): (i32, Tall), counts: &mut PointCounts) {
+        let from = self.samples.len().saturating_sub(back);
+        let front = self.samples.get(..front).unwrap_or_default();
+        let back = self.samples.get(from..).unwrap_or_default();
+        let stamp = (self.frame & 255) as u8;
+        let closed = self.marks.close_around_hits(&self.window);
+        if closed {
+            self.image.widen();
+        }
+        let image = &self.image;
+        let beneath = |sample: &Sample| {
+            image.is_beneath(sample.column, sample.range_cm, sensor.saturating_sub(sample.z), tall.stands)
+        };
+        let (marks, tiles, margins) = (&self.marks, &mut *self.window.tiles, &self.margins);
+        let (mut fused, mut beside) = (0, 0);
+        for sample in front.iter().chain(back.iter().rev()) {
+            let (slot, cell) = sample.at();
+            if sample.left_out {
                 continue;
             }
-            tile.fuse(sample.cell, sample.z, sample.weight, stamp, &self.margins);
-            counts.fused += 1;
+            if closed && (marks.get(slot).is_some_and(|mark| mark.is_closed(cell)) || beneath(sample)) {
+                beside += 1;
+            } else if let Some(tile) = tiles.get_mut(slot) {
+                tile.fuse(cell, sample.z, sample.weight, stamp, margins);
+                fused += 1;
+            }
         }
+        counts.fused = fused;
+        counts.beside_standing = beside;
     }
 
     /// Tells gradient, relief, risk and class of every tile anew, so that all of them stand on the same heights.
@@ -465,12 +483,15 @@ fn relief_on_slopes(patch: &Patch, around: &Neighbours<'_>, rise: [i16; 2]) -> R
 }
 
 fn store(tile: &mut Tile, relief: Option<&Relief>, table: &RiskTable) {
-    for row in 0..TILE_SIDE {
-        for column in 0..TILE_SIDE {
-            let index = row * TILE_SIDE + column;
-            let relief = relief.map_or(i16::MIN, |relief| relief[row][column]);
-            let risk = if tile.tall[index] >= TALL_CERTAIN { 255 } else { table.of(relief) };
-            tile.risk[index] = risk;
+    match relief {
+        Some(relief) => table.tell(relief.as_flattened(), &mut tile.risk),
+        None => tile.risk = [0; TILE_CELLS],
+    }
+    if tile.has_tall {
+        for (risk, tall) in tile.risk.iter_mut().zip(&tile.tall) {
+            if *tall >= TALL_CERTAIN {
+                *risk = 255;
+            }
         }
     }
     tile.unclassified = true;

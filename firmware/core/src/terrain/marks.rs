@@ -4,7 +4,7 @@
 //! frame's own points below which lie at least a tenth of them; single low strays are passed over. Neighbours that are
 //! known overrule it when it comes out 0.3 m above them: then the first thing seen there was a body, not ground.
 
-use super::tile::{TILE_SIDE, Tile};
+use super::tile::{TILE_SIDE, Tile, TileKey};
 use super::window::Window;
 
 const BINS: usize = 64;
@@ -13,13 +13,19 @@ const BIN: i32 = 400;
 /// Cells a tile must know before its own ground is believed.
 const KNOWN: u16 = 8;
 
-/// Per-tile scratch of one frame. 170 bytes.
+/// Ends the chain of touched marks: there are at most 255 x 255.
+const LAST: u16 = u16::MAX;
+
+/// Per-tile scratch of one frame. 172 bytes.
 #[derive(Clone)]
 pub struct Marks {
-    pub(crate) touched: bool,
+    touched: bool,
     pub(crate) any_hit: bool,
+    any_boxed: bool,
     /// The map knows this tile's ground: its points need no histogram.
     settled: bool,
+    /// The mark that was touched before this one.
+    before: u16,
     points: u16,
     reference: i32,
     /// Ground at the tile's centre above the datum, and its rise over four cells.
@@ -29,9 +35,31 @@ pub struct Marks {
     /// Cells hit by something that stands; one bit a cell, one word a row.
     pub(crate) hits: [u16; TILE_SIDE],
     /// The same grown by two cells.
-    pub(crate) closed: [u16; TILE_SIDE],
+    closed: [u16; TILE_SIDE],
     /// Cells inside the box of a moving object.
-    pub(crate) boxed: [u16; TILE_SIDE],
+    boxed: [u16; TILE_SIDE],
+}
+
+/// What becomes of a point by where it lies.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Lies {
+    /// In the box of a moving object.
+    Boxed,
+    /// Higher than any vehicle.
+    Overhead,
+    /// On something that stands.
+    Standing,
+    /// On the ground.
+    Ground,
+    /// In a tile whose ground is not known yet.
+    Unsettled,
+}
+
+/// Heights above the ground, quarter millimetres, from which a point stands and from which it hangs over.
+#[derive(Clone, Copy)]
+pub(crate) struct Tall {
+    pub(crate) stands: i32,
+    pub(crate) hangs: i32,
 }
 
 impl Marks {
@@ -39,7 +67,9 @@ impl Marks {
     pub const EMPTY: Self = Self {
         touched: false,
         any_hit: false,
+        any_boxed: false,
         settled: false,
+        before: LAST,
         points: 0,
         reference: 0,
         ground: 0,
@@ -50,20 +80,35 @@ impl Marks {
         boxed: [0; TILE_SIDE],
     };
 
-    /// Ready for a frame over a tile.
-    pub(crate) fn reset(&mut self, tile: &Tile) {
-        if self.touched {
-            *self = Self::EMPTY;
+    /// Judges a point. In a settled tile that is all; in another it counts towards the tile's ground.
+    #[inline(always)]
+    pub(crate) fn judge(&mut self, cell: u8, z: i32, tall: Tall) -> Lies {
+        if self.any_boxed && Self::is_set(&self.boxed, cell) {
+            return Lies::Boxed;
         }
-        self.settled = tile.known >= KNOWN;
+        if !self.settled {
+            self.count(z);
+            return Lies::Unsettled;
+        }
+        self.stands(cell, z, tall)
     }
 
-    #[inline]
-    pub(crate) fn touch(&mut self, z: i32) {
-        self.touched = true;
-        if self.settled {
-            return;
+    /// The same once the tile's ground is settled.
+    #[inline(always)]
+    pub(crate) fn stands(&mut self, cell: u8, z: i32, tall: Tall) -> Lies {
+        let above = self.above(cell, z);
+        if above <= tall.stands {
+            Lies::Ground
+        } else if above > tall.hangs {
+            Lies::Overhead
+        } else {
+            self.any_hit = true;
+            self.hits[usize::from(cell >> 4)] |= 1 << (cell & 15);
+            Lies::Standing
         }
+    }
+
+    fn count(&mut self, z: i32) {
         if self.points == 0 {
             self.reference = z;
         }
@@ -89,40 +134,155 @@ impl Marks {
         self.reference
     }
 
-    /// Height of a sample above the ground of its tile, quarter millimetres.
-    #[inline]
-    pub(crate) fn above(&self, cell: u8, z: i32) -> i32 {
+    /// Height of a point above the ground of its tile, quarter millimetres.
+    #[inline(always)]
+    fn above(&self, cell: u8, z: i32) -> i32 {
         let (column, row) = (i32::from(cell & 15), i32::from(cell >> 4));
         let slope = (self.rise[0] * (2 * column - 15) + self.rise[1] * (2 * row - 15)) >> 3;
         z.wrapping_sub(self.ground).wrapping_sub(slope)
     }
 
-    #[inline]
-    pub(crate) fn hit(&mut self, cell: u8) {
-        self.any_hit = true;
-        self.hits[usize::from(cell >> 4)] |= 1 << (cell & 15);
-    }
-
-    #[inline]
+    #[inline(always)]
     pub(crate) fn is_set(rows: &[u16; TILE_SIDE], cell: u8) -> bool {
         rows[usize::from(cell >> 4)] >> (cell & 15) & 1 != 0
     }
+
+    /// Whether a cell is closed to this frame.
+    #[inline(always)]
+    pub(crate) fn is_closed(&self, cell: u8) -> bool {
+        Self::is_set(&self.closed, cell)
+    }
 }
 
-/// Settles the ground of every tile that the frame touched.
-pub(crate) fn settle_ground(window: &Window<'_>, marks: &mut [Marks]) {
-    for (tile, mark) in window.tiles.iter().zip(marks.iter_mut()).filter(|(_, mark)| mark.touched) {
+/// The marks of all slots. Those touched in a frame form a chain, so that what a frame costs goes with the tiles that it sees.
+pub(crate) struct Board<'a> {
+    marks: &'a mut [Marks],
+    newest: u16,
+}
+
+impl<'a> Board<'a> {
+    pub(crate) fn new(marks: &'a mut [Marks]) -> Self {
+        marks.fill(Marks::EMPTY);
+        Self { marks, newest: LAST }
+    }
+
+    /// Ready for a frame.
+    pub(crate) fn clear(&mut self) {
+        while let Some(mark) = self.marks.get_mut(usize::from(self.newest)) {
+            mark.touched = false;
+            self.newest = mark.before;
+        }
+        self.newest = LAST;
+    }
+
+    pub(crate) fn get(&self, slot: usize) -> Option<&Marks> {
+        self.marks.get(slot).filter(|mark| mark.touched)
+    }
+
+    pub(crate) fn get_mut(&mut self, slot: usize) -> Option<&mut Marks> {
+        self.marks.get_mut(slot).filter(|mark| mark.touched)
+    }
+
+    /// The mark of a slot, made ready at its first touch in a frame.
+    #[inline(always)]
+    pub(crate) fn touch(&mut self, slot: usize, window: &Window<'_>) -> Option<&mut Marks> {
+        let mark = self.marks.get_mut(slot)?;
+        if !mark.touched {
+            begin(mark, window.tiles.get(slot), self.newest);
+            self.newest = slot as u16;
+        }
+        Some(mark)
+    }
+
+    /// The touched slots, the newest first.
+    pub(crate) fn touched(&self) -> impl Iterator<Item = (usize, &Marks)> {
+        let mut next = self.newest;
+        core::iter::from_fn(move || {
+            let slot = usize::from(next);
+            let mark = self.marks.get(slot)?;
+            next = mark.before;
+            Some((slot, mark))
+        })
+    }
+
+    /// Puts the box of a moving object over a cell.
+    pub(crate) fn cover(&mut self, slot: usize, cell: u8, window: &Window<'_>) {
+        if let Some(mark) = self.touch(slot, window) {
+            mark.any_boxed = true;
+            mark.boxed[usize::from(cell >> 4)] |= 1 << (cell & 15);
+        }
+    }
+
+    /// Settles the ground of every touched tile that the map does not know.
+    pub(crate) fn settle(&mut self, window: &Window<'_>) {
+        let mut next = self.newest;
+        while let Some(mark) = self.marks.get_mut(usize::from(next)) {
+            let slot = usize::from(next);
+            next = mark.before;
+            if let Some(tile) = window.tiles.get(slot).filter(|_| !mark.settled && mark.points > 0) {
+                mark.ground = mark.lowest();
+                if let Some((level, rise)) = expected(window, tile) {
+                    mark.rise = rise;
+                    // 0.3 m in quarter millimetres: twice a curb.
+                    if mark.ground > level.saturating_add(1200) {
+                        mark.ground = level;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Grows every hit by two cells each way, across tiles: ground right beside something that stands is not trusted. Whether there was
+    /// any hit.
+    pub(crate) fn close_around_hits(&mut self, window: &Window<'_>) -> bool {
+        let mut any = false;
+        let mut next = self.newest;
+        while let Some(mark) = self.marks.get(usize::from(next)) {
+            let key = window.tiles.get(usize::from(next)).map(|tile| tile.key);
+            next = mark.before;
+            let Some(key) = key.filter(|_| mark.any_hit) else { continue };
+            any = true;
+            let hits = mark.hits;
+            for dy in -1..=1 {
+                for dx in -1..=1 {
+                    let near = TileKey { x: key.x.wrapping_add(dx), y: key.y.wrapping_add(dy) };
+                    if let Some(mark) = window.slot_of(near).and_then(|slot| self.get_mut(slot)) {
+                        grow(&hits, [dx, dy], &mut mark.closed);
+                    }
+                }
+            }
+        }
+        any
+    }
+}
+
+#[inline(never)]
+fn begin(mark: &mut Marks, tile: Option<&Tile>, before: u16) {
+    *mark = Marks { touched: true, before, ..Marks::EMPTY };
+    if let Some(tile) = tile {
         mark.rise = tile.rise.map(i32::from);
         if tile.known >= KNOWN {
+            mark.settled = true;
             mark.ground = tile.base.saturating_add(i32::from(tile.ground));
-            continue;
         }
-        mark.ground = mark.lowest();
-        if let Some((level, rise)) = expected(window, tile) {
-            mark.rise = rise;
-            // 0.3 m in quarter millimetres: twice a curb.
-            if mark.ground > level.saturating_add(1200) {
-                mark.ground = level;
+    }
+}
+
+/// Hits of one tile, grown by two cells each way, as they close the tile `dx` towards x and `dy` towards y of it.
+fn grow(hits: &[u16; TILE_SIDE], [dx, dy]: [i32; 2], closed: &mut [u16; TILE_SIDE]) {
+    for (row, word) in hits.iter().enumerate().filter(|(_, word)| **word != 0) {
+        let word = u32::from(*word) << 8;
+        let wide = word | word << 1 | word << 2 | word >> 1 | word >> 2;
+        // Bits 8 to 23 are the tile's own columns; what runs over either end is the neighbour's.
+        let there = match dx {
+            -1 => wide << 8,
+            1 => wide >> 24,
+            _ => wide >> 8,
+        } as u16;
+        for reach in -2i32..=2 {
+            let target = row as i32 - dy * TILE_SIDE as i32 + reach;
+            if let Some(out) = usize::try_from(target).ok().and_then(|row| closed.get_mut(row)) {
+                *out |= there;
             }
         }
     }
@@ -132,7 +292,7 @@ pub(crate) fn settle_ground(window: &Window<'_>, marks: &mut [Marks]) {
 fn expected(window: &Window<'_>, tile: &Tile) -> Option<(i32, [i32; 2])> {
     let mut best: Option<(i32, [i32; 2])> = None;
     for (dx, dy) in [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)] {
-        let key = super::tile::TileKey { x: tile.key.x.wrapping_add(dx), y: tile.key.y.wrapping_add(dy) };
+        let key = TileKey { x: tile.key.x.wrapping_add(dx), y: tile.key.y.wrapping_add(dy) };
         let Some(other) = window.tile(key).filter(|other| other.known >= KNOWN) else { continue };
         let rise = other.rise.map(i32::from);
         // A tile is four times the four cells that the rise spans.
@@ -145,63 +305,9 @@ fn expected(window: &Window<'_>, tile: &Tile) -> Option<(i32, [i32; 2])> {
     best
 }
 
-/// Grows every hit by two cells each way, across tiles: ground right beside something that stands is not trusted.
-pub(crate) fn close_around_hits(window: &Window<'_>, marks: &mut [Marks]) {
-    for slot in 0..marks.len() {
-        let Some(key) = window.tiles.get(slot).map(|tile| tile.key) else { continue };
-        let around = |marks: &[Marks], dx: i32, dy: i32| -> Option<[u16; TILE_SIDE]> {
-            let column = key.x.wrapping_add(dx).wrapping_sub(window.origin.x) as u32;
-            let row = key.y.wrapping_add(dy).wrapping_sub(window.origin.y) as u32;
-            let side = u32::from(window.side);
-            if column >= side || row >= side {
-                return None;
-            }
-            marks.get(window.slot(column, row)).filter(|mark| mark.any_hit).map(|mark| mark.hits)
-        };
-        if !marks.get(slot).is_some_and(|mark| mark.touched) {
-            continue;
-        }
-        let mut grown = [0u16; TILE_SIDE];
-        let mut any = false;
-        for dy in -1..=1 {
-            for dx in -1..=1 {
-                let Some(hits) = around(marks, dx, dy) else { continue };
-                any = true;
-                for (row, word) in hits.iter().enumerate() {
-                    let word = u32::from(*word) << 16;
-                    let wide = word | word << 1 | word << 2 | word >> 1 | word >> 2;
-                    // A neighbour on the left lends its right edge (carried past bit 15), one on the right its left.
-                    let here = match dx {
-                        -1 => carried_right(word),
-                        1 => (wide & 0xFFFF) as u16,
-                        _ => (wide >> 16) as u16,
-                    };
-                    for reach in -2i32..=2 {
-                        let target = row as i32 + dy * TILE_SIDE as i32 + reach;
-                        if let Some(out) = usize::try_from(target).ok().and_then(|row| grown.get_mut(row)) {
-                            *out |= here;
-                        }
-                    }
-                }
-            }
-        }
-        if any && let Some(mark) = marks.get_mut(slot) {
-            mark.closed = grown;
-        }
-    }
-}
-
-/// What a left neighbour's row carries over its right edge: bits 14 and 15 of it into bits 0 and 1.
-fn carried_right(word: u32) -> u16 {
-    let row = (word >> 16) as u16;
-    let (last, before) = (row >> 15 & 1, row >> 14 & 1);
-    (last | before) | last << 1
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::terrain::tile::TileKey;
 
     #[test]
     fn hits_close_the_five_by_five_around_them_across_tile_borders() {
@@ -211,15 +317,18 @@ mod tests {
         window.place(TileKey { x: 0, y: 0 }, |_| {});
         for (column, row) in [(16usize, 16usize), (31, 31), (17, 30), (24, 24), (30, 16), (31, 20)] {
             let mut marks = std::vec![Marks::EMPTY; 9];
-            for mark in &mut marks {
-                mark.touched = true;
+            let mut board = Board::new(&mut marks);
+            for slot in 0..9 {
+                board.touch(slot, &window).unwrap().settled = true;
             }
-            marks[4].hit(((row & 15) << 4 | (column & 15)) as u8);
-            close_around_hits(&window, &mut marks);
+            let cell = ((row & 15) << 4 | (column & 15)) as u8;
+            let tall = Tall { stands: 1400, hangs: 10_400 };
+            assert!(board.get_mut(4).unwrap().judge(cell, 4000, tall) == Lies::Standing);
+            assert!(board.close_around_hits(&window));
             for y in 0..48usize {
                 for x in 0..48usize {
-                    let mark = &marks[(y / 16) * 3 + x / 16];
-                    let closed = Marks::is_set(&mark.closed, ((y & 15) << 4 | (x & 15)) as u8);
+                    let mark = board.get((y / 16) * 3 + x / 16).unwrap();
+                    let closed = mark.is_closed(((y & 15) << 4 | (x & 15)) as u8);
                     let wanted = x.abs_diff(column) <= 2 && y.abs_diff(row) <= 2;
                     assert_eq!(closed, wanted, "hit {column},{row} at {x},{y}");
                 }
@@ -231,11 +340,11 @@ mod tests {
     fn ground_of_a_new_tile_passes_over_one_low_stray() {
         let mut mark = Marks::EMPTY;
         for k in 0..40 {
-            mark.touch(5000 + k * 3);
+            mark.count(5000 + k * 3);
         }
-        mark.touch(-6000);
+        mark.count(-6000);
         for _ in 0..60 {
-            mark.touch(9000);
+            mark.count(9000);
         }
         assert!((mark.lowest() - 5000).abs() <= BIN, "{}", mark.lowest());
     }

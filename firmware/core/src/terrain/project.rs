@@ -6,8 +6,8 @@
 use super::align::Correction;
 use super::config::TerrainConfig;
 use super::geometry::{Pose, dot};
-use super::marks::Marks;
-use super::sight::{Direction, RangeImage};
+use super::marks::{Board, Lies, Tall};
+use super::sight::{Direction, RangeImage, column_of};
 use super::tile::{UNITS_PER_M, WEIGHT_ONE};
 use super::window::Window;
 
@@ -16,10 +16,22 @@ use super::window::Window;
 pub struct Sample {
     /// Above the map's datum, quarter millimetres.
     pub(crate) z: i32,
-    pub(crate) slot: u16,
+    /// 256 times the slot, and the cell.
+    place: i32,
     pub(crate) weight: u16,
-    pub(crate) cell: u8,
-    pub(crate) stands: bool,
+    /// Azimuth and horizontal range, as in the range image.
+    pub(crate) column: u16,
+    pub(crate) range_cm: u16,
+    /// Found not to be ground after all.
+    pub(crate) left_out: bool,
+}
+
+impl Sample {
+    /// Slot and cell.
+    #[inline(always)]
+    pub(crate) fn at(&self) -> (usize, u8) {
+        ((self.place as u32 >> 8) as usize, self.place as u8)
+    }
 }
 
 /// Where a frame's points go: rotation, scaling and origin folded into one affine map.
@@ -60,26 +72,10 @@ pub struct PointCounts {
     pub overhead: u32,
     /// On something that stands.
     pub standing: u32,
-    /// On the ground right beside something that stands: left out of this frame.
+    /// On the ground right beside something that stands, or seen beneath it: left out of this frame.
     pub beside_standing: u32,
     /// Fused into the map.
     pub fused: u32,
-}
-
-impl PointCounts {
-    /// Counts a point that does not enter the map, by its first reason.
-    fn leave_out(&mut self, range2: f32, turn: f32, limits: &Limits) {
-        let reason = if !range2.is_finite() {
-            &mut self.not_finite
-        } else if range2 < limits.near2 || range2 > limits.far2 {
-            &mut self.out_of_range
-        } else if turn.abs() > limits.half_turn {
-            &mut self.behind
-        } else {
-            &mut self.out_of_window
-        };
-        *reason += 1;
-    }
 }
 
 impl Projection {
@@ -191,6 +187,12 @@ pub(crate) fn least(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
+/// The larger of two, the second where the first is not a number.
+#[inline(always)]
+fn most(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
 /// Points that are worked out together.
 const BLOCK: usize = 32;
 type Lane = [f32; BLOCK];
@@ -205,11 +207,10 @@ struct Block {
     u: Lane,
     v: Lane,
     up: Lane,
-    /// Cells from the window's lowest corner; -1 where the point is not to enter the map.
-    column: Words,
-    row: Words,
-    /// Quarter millimetres above the sensor.
-    rise: Words,
+    /// 256 times the slot, and the cell; -1 where the point is not to enter the map.
+    place: Words,
+    /// Quarter millimetres above the datum.
+    height: Words,
     weight: Words,
     pixel: Words,
     range_cm: Words,
@@ -223,27 +224,27 @@ impl Block {
         u: [0.0; BLOCK],
         v: [0.0; BLOCK],
         up: [0.0; BLOCK],
-        column: [0; BLOCK],
-        row: [0; BLOCK],
-        rise: [0; BLOCK],
+        place: [0; BLOCK],
+        height: [0; BLOCK],
         weight: [0; BLOCK],
         pixel: [0; BLOCK],
         range_cm: [0; BLOCK],
     };
 
-    fn fill(&mut self, points: &[[f32; 4]], projection: &Projection, weighting: &Weighting, limits: &Limits) {
-        let [xs, ys, zs] = &mut self.points;
-        for (((x, y), z), point) in xs.iter_mut().zip(ys.iter_mut()).zip(zs.iter_mut()).zip(points) {
-            [*x, *y, *z, _] = *point;
-        }
+    /// Directions and ranges of the points: what the range image needs.
+    fn look(&mut self, points: &[[f32; 4]; BLOCK]) {
+        transpose(points, &mut self.points);
         polar(&self.points, &mut self.turn, &mut self.range2, &mut self.pixel, &mut self.range_cm);
+    }
+
+    /// Places, heights and weights.
+    fn place(&mut self, projection: &Projection, weighting: &Weighting, limits: &Limits) {
         let Projection { x, y, z, z_rate, origin, .. } = projection;
         affine(&self.points, x, origin[0], &mut self.u);
         affine(&self.points, y, origin[1], &mut self.v);
         heights(&self.points, &self.turn, (z, projection.rest), (z_rate, projection.lift_rate), &mut self.up);
-        weights(weighting, &self.range2, &self.up, &mut self.weight, &mut self.rise);
-        let within = (&self.range2, &self.turn, &self.u, &self.v);
-        cells(limits, within, &mut self.column, &mut self.row);
+        weights(weighting, projection.whole, (&self.range2, &self.up), &mut self.weight, &mut self.height);
+        cells(limits, [&self.range2, &self.turn, &self.u, &self.v], &mut self.place);
     }
 }
 
@@ -253,9 +254,19 @@ struct Limits {
     far2: f32,
     half_turn: f32,
     cells: f32,
+    /// Tiles along the window's side, and where in the storage its lowest corner lies.
+    side: i32,
+    corner: [i32; 2],
 }
 
 // One loop each and never inlined: so they become vector instructions, and stay so.
+
+#[inline(never)]
+fn transpose(points: &[[f32; 4]; BLOCK], [xs, ys, zs]: &mut [Lane; 3]) {
+    for lane in 0..BLOCK {
+        [xs[lane], ys[lane], zs[lane], _] = points[lane];
+    }
+}
 
 #[inline(never)]
 fn polar(points: &[Lane; 3], turns: &mut Lane, range2: &mut Lane, pixels: &mut Words, range_cm: &mut Words) {
@@ -268,6 +279,21 @@ fn polar(points: &[Lane; 3], turns: &mut Lane, range2: &mut Lane, pixels: &mut W
         range_cm[lane] = nearest(least(direction.range * 100.0, 65_535.0));
         range2[lane] = x * x + y * y + z * z;
     }
+}
+
+/// How many points are no numbers, out of range, and behind, each by its first reason.
+#[inline(never)]
+fn tally(limits: &Limits, range2: &Lane, turns: &Lane) -> [u32; 3] {
+    let (mut numbers, mut in_range, mut ahead) = (0, 0, 0);
+    for lane in 0..BLOCK {
+        let (range2, turn) = (range2[lane], turns[lane]);
+        // False for what is not a number.
+        let within = (range2 >= limits.near2) & (range2 <= limits.far2);
+        numbers += i32::from(range2 <= f32::MAX);
+        in_range += i32::from(within);
+        ahead += i32::from(within & (turn.abs() <= limits.half_turn));
+    }
+    [BLOCK as i32 - numbers, numbers - in_range, in_range - ahead].map(|count| count as u32)
 }
 
 #[inline(never)]
@@ -288,48 +314,48 @@ fn heights(points: &[Lane; 3], turns: &Lane, still: (&[f32; 3], f32), rate: (&[f
 }
 
 #[inline(never)]
-fn weights(weighting: &Weighting, range2: &Lane, ups: &Lane, out: &mut Words, rises: &mut Words) {
+fn weights(weighting: &Weighting, whole: i32, (range2, ups): (&Lane, &Lane), out: &mut Words, heights: &mut Words) {
     for lane in 0..BLOCK {
-        out[lane] = nearest(weighting.weight(range2[lane], ups[lane]));
-        rises[lane] = nearest(ups[lane]);
+        let weight = weighting.weight(range2[lane], ups[lane]);
+        out[lane] = nearest(most(least(weight, 65_535.0), 1.0));
+        heights[lane] = whole.wrapping_add(nearest(ups[lane]));
     }
 }
 
 #[inline(never)]
-fn cells(
-    limits: &Limits,
-    (range2, turns, us, vs): (&Lane, &Lane, &Lane, &Lane),
-    columns: &mut Words,
-    rows: &mut Words,
-) {
+fn cells(limits: &Limits, [range2, turns, us, vs]: [&Lane; 4], places: &mut Words) {
     for lane in 0..BLOCK {
         let (range2, u, v) = (range2[lane], us[lane], vs[lane]);
         // Every comparison is false for what is not a number. No short circuits: they would be branches.
         let near = (range2 >= limits.near2) & (range2 <= limits.far2) & (turns[lane].abs() <= limits.half_turn);
         let inside = (u >= 0.0) & (v >= 0.0) & (u < limits.cells) & (v < limits.cells);
-        let out = -i32::from(!(near & inside));
-        columns[lane] = below(u) | out;
-        rows[lane] = below(v) | out;
+        let (column, row) = (below(u), below(v));
+        let wrap = |tile: i32| tile - (limits.side & -i32::from(tile >= limits.side));
+        let (x, y) = (wrap((column >> 4) + limits.corner[0]), wrap((row >> 4) + limits.corner[1]));
+        // Both below 256: a product of 16 bits, which vector units have.
+        let slot = i32::from((y as u16).wrapping_mul(limits.side as u16)) + x;
+        places[lane] = (slot << 8 | (row & 15) << 4 | (column & 15)) | -i32::from(!(near & inside));
     }
 }
 
 /// What projection writes to.
 pub(crate) struct Targets<'t, 'p> {
     pub(crate) samples: &'t mut [Sample],
-    pub(crate) marks: &'t mut [Marks],
+    pub(crate) marks: &'t mut Board<'p>,
     pub(crate) image: &'t mut RangeImage<'p>,
     pub(crate) counts: &'t mut PointCounts,
 }
 
-/// Projects all points. Fills the samples, the marks of every touched tile and the range image; returns how many
-/// samples there are.
+/// Projects all points. Points of tiles whose ground is known are judged at once: what stands hits its mark, ground becomes samples from the front
+/// of the storage on. Points of other tiles are counted in their marks and become samples from its back on. Returns how many there are of both.
 pub(crate) fn project(
     points: &[[f32; 4]],
     projection: &Projection,
     config: &TerrainConfig,
+    tall: Tall,
     window: &Window<'_>,
     targets: Targets<'_, '_>,
-) -> usize {
+) -> [usize; 2] {
     let Targets { samples, marks, image, counts } = targets;
     let weighting = Weighting::new(config);
     let limits = Limits {
@@ -337,36 +363,82 @@ pub(crate) fn project(
         far2: config.farthest_m * config.farthest_m,
         half_turn: config.half_turn,
         cells: f32::from(window.side) * 16.0,
+        side: i32::from(window.side),
+        corner: window.corner.map(|tile| tile as i32),
     };
-    let mut used = 0;
+    let (mut front, mut back) = (0, samples.len());
     let mut block = Block::EMPTY;
-    for points in points.chunks(BLOCK) {
-        block.fill(points, projection, &weighting, &limits);
-        for lane in 0..points.len().min(BLOCK) {
-            image.see(block.pixel[lane], block.range_cm[lane]);
-            let (column, row) = (block.column[lane], block.row[lane]);
-            if column < 0 {
-                counts.leave_out(block.range2[lane], block.turn[lane], &limits);
+    let (whole, rest) = points.as_chunks::<BLOCK>();
+    // A block that is not full ends in what are no numbers.
+    let mut last = [[f32::NAN; 4]; BLOCK];
+    let missing = if rest.is_empty() { 0 } else { BLOCK - rest.len() };
+    for (place, point) in last.iter_mut().zip(rest) {
+        *place = *point;
+    }
+    counts.not_finite = 0u32.wrapping_sub(missing as u32);
+    for points in whole.iter().chain((missing > 0).then_some(&last)) {
+        block.look(points);
+        image.see(&block.pixel, &block.range_cm);
+        let [not_finite, out_of_range, behind] = tally(&limits, &block.range2, &block.turn);
+        let left = BLOCK as u32 - not_finite - out_of_range - behind;
+        counts.not_finite = counts.not_finite.wrapping_add(not_finite);
+        counts.out_of_range += out_of_range;
+        counts.behind += behind;
+        if left == 0 {
+            continue;
+        }
+        block.place(projection, &weighting, &limits);
+        let mut inside = 0;
+        for lane in 0..BLOCK {
+            let (place, z) = (block.place[lane], block.height[lane]);
+            if place < 0 {
                 continue;
             }
-            let slot = window.slot((column >> 4) as u32, (row >> 4) as u32);
-            let Some(sample) = samples.get_mut(used) else {
+            inside += 1;
+            let Some(mark) = marks.touch((place >> 8) as usize, window) else { continue };
+            let lies = mark.judge(place as u8, z, tall);
+            if !matches!(lies, Lies::Ground | Lies::Unsettled) {
+                counts.leave_out(lies);
+                if lies == Lies::Standing {
+                    image.stand(column_of(block.pixel[lane]), block.range_cm[lane] as u16);
+                }
+                continue;
+            }
+            if front >= back {
                 counts.over_capacity += 1;
                 continue;
+            }
+            let at = if lies == Lies::Ground {
+                front += 1;
+                front - 1
+            } else {
+                back -= 1;
+                back
             };
-            let height = projection.whole.wrapping_add(block.rise[lane]);
-            *sample = Sample {
-                z: height,
-                slot: slot as u16,
-                weight: block.weight[lane].clamp(1, i32::from(u16::MAX)) as u16,
-                cell: ((row & 15) << 4 | (column & 15)) as u8,
-                stands: false,
-            };
-            used += 1;
-            if let Some(mark) = marks.get_mut(slot) {
-                mark.touch(height);
+            if let Some(sample) = samples.get_mut(at) {
+                *sample = Sample {
+                    z,
+                    place,
+                    weight: block.weight[lane] as u16,
+                    column: column_of(block.pixel[lane]),
+                    range_cm: block.range_cm[lane] as u16,
+                    left_out: false,
+                };
             }
         }
+        counts.out_of_window += left - inside;
     }
-    used
+    [front, samples.len() - back]
+}
+
+impl PointCounts {
+    /// Counts a point that is not ground.
+    pub(crate) fn leave_out(&mut self, lies: Lies) {
+        match lies {
+            Lies::Boxed => self.boxed += 1,
+            Lies::Overhead => self.overhead += 1,
+            Lies::Standing => self.standing += 1,
+            Lies::Ground | Lies::Unsettled => {}
+        }
+    }
 }

@@ -20,7 +20,6 @@ const ROWS: usize = TILE_SIDE + 2 * HALO;
 const WING: usize = 8;
 /// Columns of the work area.
 const WIDTH: usize = TILE_SIDE + 2 * WING;
-const FLOW: usize = 3;
 /// Less than any height, and than any height negated.
 const NOTHING: i16 = i16::MIN;
 
@@ -91,13 +90,14 @@ impl Patch {
             let up = (i32::from(rise[1]) * (row as i32 - 13) / 4) as i16;
             intervals(heights, margins, &along, up, out);
         }
-        // A step less far out than the one before: what lies further cannot reach the tile any more.
+        // To and fro between two planes. A step less far out than the one before: what lies further cannot reach the tile any more.
         let mut gaps = self.gaps;
-        for step in 1..=FLOW {
-            flow(&mut plane, &mut gaps, step);
-        }
+        let mut other: Plane = [[NOTHING; 2 * WIDTH]; ROWS];
+        flow(&plane, &mut other, &mut gaps, 1);
+        flow(&other, &mut plane, &mut gaps, 2);
+        flow(&plane, &mut other, &mut gaps, 3);
         let mut out = [[NOTHING; TILE_SIDE]; TILE_SIDE];
-        for (window, out) in plane.windows(5).skip(HALO - 2).zip(&mut out) {
+        for (window, out) in other.windows(5).skip(HALO - 2).zip(&mut out) {
             if let [a, b, c, d, e] = window {
                 span([a, b, c, d, e], out);
             }
@@ -107,20 +107,15 @@ impl Patch {
 }
 
 /// One step: cells that are still empty take the extremes of their eight neighbours, in all but the `edge` outermost rows.
-fn flow(plane: &mut Plane, gaps: &mut [bool; ROWS], edge: usize) {
-    let mut rest = plane.get_mut(edge - 1..ROWS + 1 - edge).unwrap_or_default();
-    let mut above = [NOTHING; 2 * WIDTH];
-    if let Some(first) = rest.split_off_first_mut() {
-        above = *first;
-    }
-    for gaps in gaps.iter_mut().skip(edge) {
-        let [here, below, ..] = rest else { return };
-        let before = *here;
+fn flow(from: &Plane, to: &mut Plane, gaps: &mut [bool; ROWS], edge: usize) {
+    let rows = from.windows(3).zip(to.iter_mut().zip(gaps).skip(1));
+    for (near, (to, gaps)) in rows.skip(edge - 1).take(ROWS - 2 * edge) {
+        let [above, here, below] = near else { return };
         if *gaps {
-            *gaps = fill_empty(&above, here, below);
+            *gaps = fill_empty(above, here, below, to);
+        } else {
+            *to = *here;
         }
-        above = before;
-        rest.split_off_first_mut();
     }
 }
 
@@ -140,13 +135,7 @@ fn copy<const COUNT: usize, const TO: usize, const FROM: usize>(
     }
     let sources = source.height.as_chunks::<TILE_SIDE>().0.iter().zip(source.margin.as_chunks::<TILE_SIDE>().0);
     for ((heights, margins), (height, margin)) in sources.skip(first).zip(height.iter_mut().zip(margin)) {
-        let heights = heights.get(FROM..).and_then(|columns| columns.first_chunk::<COUNT>());
-        let margins = margins.get(FROM..).and_then(|columns| columns.first_chunk::<COUNT>());
-        let height = height.get_mut(TO..).and_then(|columns| columns.first_chunk_mut::<COUNT>());
-        let margin = margin.get_mut(TO..).and_then(|columns| columns.first_chunk_mut::<COUNT>());
-        if let (Some(heights), Some(margins), Some(height), Some(margin)) = (heights, margins, height, margin) {
-            lift(heights, margins, shift as i16, height, margin);
-        }
+        lift::<COUNT, TO, FROM>(heights, margins, shift as i16, height, margin);
     }
 }
 
@@ -165,16 +154,16 @@ fn census(margin: &Half) -> (bool, bool) {
 }
 
 #[inline(never)]
-fn lift<const COUNT: usize>(
-    heights: &[i16; COUNT],
-    margins: &[u8; COUNT],
+fn lift<const COUNT: usize, const TO: usize, const FROM: usize>(
+    heights: &[i16; TILE_SIDE],
+    margins: &[u8; TILE_SIDE],
     shift: i16,
-    height: &mut [i16; COUNT],
-    margin: &mut [i16; COUNT],
+    height: &mut Half,
+    margin: &mut Half,
 ) {
     for column in 0..COUNT {
-        height[column] = heights[column].saturating_add(shift);
-        margin[column] = i16::from(margins[column]);
+        height[TO + column] = heights[FROM + column].saturating_add(shift);
+        margin[TO + column] = i16::from(margins[FROM + column]);
     }
 }
 
@@ -192,7 +181,7 @@ fn intervals(heights: &Half, margins: &Half, along: &Half, up: i16, out: &mut Ro
 
 /// Whether cells of the row stay empty.
 #[inline(never)]
-fn fill_empty(above: &Row, here: &mut Row, below: &Row) -> bool {
+fn fill_empty(above: &Row, here: &Row, below: &Row, to: &mut Row) -> bool {
     // A column of nothing more on each side.
     let mut tallest = [NOTHING; 2 * WIDTH + 2];
     for column in 0..2 * WIDTH {
@@ -204,9 +193,10 @@ fn fill_empty(above: &Row, here: &mut Row, below: &Row) -> bool {
         let high = tallest[column].max(tallest[column + 1]).max(tallest[column + 2]);
         let low = tallest[WIDTH + column].max(tallest[WIDTH + column + 1]).max(tallest[WIDTH + column + 2]);
         // Masked and not selected: LLVM turns a select of a stored value into a branch around the store.
-        here[column] = (high & empty) | (here[column] & !empty);
-        here[WIDTH + column] = (low & empty) | (here[WIDTH + column] & !empty);
-        left |= -i16::from(here[column] == NOTHING) & INSIDE[column];
+        let filled = (high & empty) | (here[column] & !empty);
+        to[column] = filled;
+        to[WIDTH + column] = (low & empty) | (here[WIDTH + column] & !empty);
+        left |= -i16::from(filled == NOTHING) & INSIDE[column];
     }
     left != 0
 }

@@ -33,7 +33,7 @@ impl Decision {
     }
 }
 
-/// Steps of the table, one for each half millimetre of relief: the last is 15.9 cm.
+/// Steps of the table, one for each half millimetre of relief: the last is 15.9 cm, and every larger one.
 const STEPS: usize = 320;
 
 /// Relief to risk, tabulated for one wheel.
@@ -50,10 +50,18 @@ impl RiskTable {
     }
 
     /// Risk of a relief in quarter millimetres.
-    #[inline]
-    pub(crate) fn of(&self, relief: i16) -> u8 {
-        let step = usize::from(relief.max(0).unsigned_abs() >> 1);
-        self.0.get(step).copied().unwrap_or(255)
+    #[inline(always)]
+    fn of(&self, relief: i16) -> u8 {
+        // 0 to 319: the bound is the table's.
+        let step = usize::from((relief.max(0).unsigned_abs() >> 1).min(STEPS as u16 - 1));
+        self.0[step]
+    }
+
+    /// Risks of reliefs.
+    pub(crate) fn tell(&self, reliefs: &[i16], risks: &mut [u8]) {
+        for (risk, relief) in risks.iter_mut().zip(reliefs) {
+            *risk = self.of(*relief);
+        }
     }
 }
 

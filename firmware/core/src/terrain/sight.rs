@@ -2,6 +2,7 @@
 //!
 //! Every frame is drawn into a small image of horizontal ranges, by azimuth and by tangent of elevation. A cell that
 //! was tall and is not hit now is looked up in it: where the rays that cross its volume end well behind it, nothing stands there any more.
+//! For each azimuth the nearest thing that stands is noted too: what is seen beneath it, between the wheels of a car, is no ground to be trusted.
 //! Azimuth is the "diamond angle" y / (|x| + |y|), which needs a division and no arctangent; a cubic makes the
 //! horizontal range of |x| + |y|.
 
@@ -63,25 +64,73 @@ impl Direction {
     }
 }
 
+/// Nothing stands in an azimuth.
+const OPEN: u16 = u16::MAX;
+/// How far behind something that stands a point may still lie beneath it, cm: the length of a car.
+const LONGEST_CM: u16 = 500;
+/// Nearer behind it than this, cm, the point is on its face.
+const FACE_CM: u16 = 15;
+
 pub(crate) struct RangeImage<'a> {
     pixels: &'a mut RangePixels,
+    /// Nearest range at which something stands by azimuth, cm.
+    standing: [u16; COLUMNS],
+}
+
+/// Column of a pixel; none for -1.
+#[inline(always)]
+pub(crate) fn column_of(pixel: i32) -> u16 {
+    // The largest pixel is 114,687; -1 comes out beyond the columns.
+    ((pixel as u32) / ROWS as u32).min(u32::from(u16::MAX)) as u16
 }
 
 impl<'a> RangeImage<'a> {
     pub(crate) fn new(pixels: &'a mut RangePixels) -> Self {
         pixels.fill(0);
-        Self { pixels }
+        Self { pixels, standing: [OPEN; COLUMNS] }
     }
 
     pub(crate) fn clear(&mut self) {
         self.pixels.fill(0);
+        self.standing = [OPEN; COLUMNS];
     }
 
-    /// Enters a horizontal range, in centimetres.
+    /// Something stands here.
+    pub(crate) fn stand(&mut self, column: u16, range_cm: u16) {
+        if let Some(nearest) = self.standing.get_mut(usize::from(column)) {
+            *nearest = (*nearest).min(range_cm);
+        }
+    }
+
+    /// Lends what stands to the azimuths beside it. Once a frame, when all of it is known.
+    pub(crate) fn widen(&mut self) {
+        let narrow = self.standing;
+        for (column, nearest) in self.standing.iter_mut().enumerate() {
+            for near in [column + COLUMNS - 1, column + 1] {
+                *nearest = (*nearest).min(narrow.get(near & (COLUMNS - 1)).copied().unwrap_or(OPEN));
+            }
+        }
+    }
+
+    /// Whether a point `below` the sensor (quarter millimetres) is seen beneath something that stands: its ray passed that thing's range at less
+    /// than `stands` (quarter millimetres) above the point's own level, which is too low to have passed over it.
     #[inline]
-    pub(crate) fn see(&mut self, pixel: i32, range_cm: i32) {
-        if let Some(held) = self.pixels.get_mut(pixel as u32 as usize) {
-            *held = (*held).max(range_cm as u16);
+    pub(crate) fn is_beneath(&self, column: u16, range_cm: u16, below: i32, stands: i32) -> bool {
+        let nearest = self.standing.get(usize::from(column)).copied().unwrap_or(OPEN);
+        let behind = range_cm.saturating_sub(nearest);
+        if behind <= FACE_CM || behind > LONGEST_CM {
+            return false;
+        }
+        // Height of the ray over the level of its end falls in proportion to what is left of its way.
+        i64::from(below) * i64::from(behind) < i64::from(stands) * i64::from(range_cm)
+    }
+
+    /// Enters horizontal ranges, in centimetres.
+    pub(crate) fn see(&mut self, pixels: &[i32], ranges_cm: &[i32]) {
+        for (pixel, range_cm) in pixels.iter().zip(ranges_cm) {
+            if let Some(held) = self.pixels.get_mut(*pixel as u32 as usize) {
+                *held = (*held).max(*range_cm as u16);
+            }
         }
     }
 
@@ -124,6 +173,21 @@ mod tests {
     }
 
     #[test]
+    fn a_point_is_beneath_what_stands_before_it_unless_its_ray_passed_above() {
+        let mut pixels = std::boxed::Box::new([0; COLUMNS * ROWS]);
+        let mut image = RangeImage::new(&mut pixels);
+        image.stand(1023, 4000);
+        image.widen();
+        // From 1.9 m up. At 41 m the ray was 5 cm above the ground where the thing stands; at 45 m 21 cm; at 60 m, and behind a car's length, far more.
+        let beneath = |column, range_cm| image.is_beneath(column, range_cm, 7600, 1400);
+        assert!(beneath(1023, 4100) && beneath(0, 4500) && beneath(1022, 4100));
+        assert!(!beneath(1, 4100) && !beneath(1023, 4600) && !beneath(1023, 3900) && !beneath(1023, 4010));
+        assert!(!beneath(u16::MAX, 4100));
+        // From 10 m up the same ray passes over it.
+        assert!(!image.is_beneath(1023, 4300, 40_000, 1400));
+    }
+
+    #[test]
     fn a_volume_is_seen_through_when_its_rays_end_behind_it() {
         let mut pixels = std::boxed::Box::new([0; COLUMNS * ROWS]);
         let mut image = RangeImage::new(&mut pixels);
@@ -132,7 +196,7 @@ mod tests {
                 let scale = 40.0;
                 let (y, z) = (step as f32 * 0.1, scale * (-0.05 + up as f32 * 0.003));
                 let seen = Direction::of(scale, y, z);
-                image.see(seen.pixel(), (seen.range * 100.0) as i32);
+                image.see(&[seen.pixel()], &[(seen.range * 100.0) as i32]);
             }
         }
         let (beyond, blocked) = image.through([20.0, 0.0, -1.0], [20.0, 0.0, 0.0]);

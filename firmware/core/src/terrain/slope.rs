@@ -41,6 +41,7 @@ pub(crate) fn measure(tile: &mut Tile, review: Option<u8>) {
     }
 }
 
+/// Medians that stand on many pairs are kept until a sixteenth of the tile's cells has been added: they hardly move.
 fn survey(tile: &mut Tile) {
     let mut known = 0i32;
     let mut sum = 0i32;
@@ -52,9 +53,14 @@ fn survey(tile: &mut Tile) {
     }
     tile.known = known as u16;
     tile.ground = sum.checked_div(known).unwrap_or(0) as i16;
-    let masks = tile.known_masks();
-    let (x, x_pairs) = median_rise(&tile.height, &masks, 1);
-    let (y, y_pairs) = median_rise(&tile.height, &masks, TILE_SIDE);
+    if tile.pairs.iter().all(|pairs| u16::from(*pairs) >= SURE) && tile.known.abs_diff(tile.surveyed) < tile.known >> 4
+    {
+        return;
+    }
+    tile.surveyed = tile.known;
+    let padded = Padded::of(tile);
+    let (x, x_pairs) = median_rise(&padded, 1);
+    let (y, y_pairs) = median_rise(&padded, TILE_SIDE);
     tile.own_rise = [x, y];
     tile.pairs = [x_pairs, y_pairs];
 }
@@ -70,10 +76,10 @@ fn give_up_impressions(tile: &mut Tile, stamp: u8) -> bool {
             *level = (i32::from(*height) - slope).clamp(-32_000, 32_000) as i16;
         }
     }
-    let floor = quantile(&levels, tile.known / 10 + 1, 32_000);
+    let floor = quantile(32_000, tile.known / 10 + 1, |bound| at_most(&levels, bound));
     let mut any = false;
-    let seen = tile.stamp;
-    for (index, (level, seen)) in levels.iter().zip(seen).enumerate() {
+    for (index, level) in levels.iter().enumerate() {
+        let seen = tile.held[index & 255].stamp;
         if *level != NONE && *level > floor.saturating_add(IMPRESSION) && seen != stamp {
             tile.clear(index as u8);
             any = true;
@@ -84,67 +90,124 @@ fn give_up_impressions(tile: &mut Tile, stamp: u8) -> bool {
 
 type Rises = [i16; TILE_CELLS];
 
-/// Median of the rises over four cells along x (`stride` 1) or y (`stride` 16), and how many there are. A sparse tile
-/// uses another span where that has more pairs.
-fn median_rise(heights: &Rises, known: &Rises, stride: usize) -> (i16, u8) {
-    let mut best: (Rises, u16, usize) = ([NONE; TILE_CELLS], 0, SPAN);
-    for span in [SPAN, 8, 3] {
-        let (rises, pairs) = rises(heights, known, stride, span);
-        if pairs > best.1 {
-            best = (rises, pairs, span);
+/// Heights of a tile, and all ones where they are known, and behind them as many unknown ones as the longest span reaches over the end.
+struct Padded {
+    height: [i16; 2 * TILE_CELLS],
+    known: [i16; 2 * TILE_CELLS],
+}
+
+impl Padded {
+    fn of(tile: &Tile) -> Self {
+        let mut out = Self { height: [0; 2 * TILE_CELLS], known: [0; 2 * TILE_CELLS] };
+        if let Some(height) = out.height.first_chunk_mut() {
+            *height = tile.height;
         }
-        if best.1 >= 20 {
+        for (known, margin) in out.known.iter_mut().zip(&tile.margin) {
+            *known = -i16::from(*margin != 0);
+        }
+        out
+    }
+
+    /// Heights and masks from a cell on.
+    fn from(&self, cell: usize) -> Option<(&Rises, &Rises)> {
+        Some((self.height.get(cell..)?.first_chunk()?, self.known.get(cell..)?.first_chunk()?))
+    }
+}
+
+/// Median of the rises over four cells along x (`stride` 1) or y (`stride` 16), and how much it is worth: the pairs behind it, at most five for
+/// each line that they begin on. A sparse tile uses another span where that has more pairs.
+///
+/// Every line across the rise has the same vote, however many pairs begin on it. Far off, the face of a bump is hit by every ring while the road
+/// before it is crossed here and there and the road behind it lies in its shadow: pair by pair, the face would be the tile's gradient.
+fn median_rise(padded: &Padded, stride: usize) -> (i16, u8) {
+    let mut best = [NONE; TILE_CELLS];
+    let (mut pairs, mut over) = (0, SPAN);
+    let mut tried = [NONE; TILE_CELLS];
+    for span in [SPAN, 8, 3] {
+        let count = rises(padded, stride, span, &mut tried);
+        if count > pairs {
+            (best, pairs, over) = (tried, count, span);
+        }
+        if pairs >= 20 {
             break;
         }
     }
-    let (rises, pairs, span) = best;
-    let median = i32::from(median(&rises, pairs, limit(span)));
-    let over_four = median * SPAN as i32 / span.max(1) as i32;
-    (over_four as i16, pairs.min(255) as u8)
+    if pairs == 0 {
+        return (0, 0);
+    }
+    let (votes, total, lines) = votes(&best, stride);
+    let median = i32::from(quantile(limit(over), (total + 1) >> 1, |bound| weight_at_most(&best, &votes, bound)));
+    let over_four = median * SPAN as i32 / over.max(1) as i32;
+    (over_four as i16, pairs.min(5 * lines).min(255) as u8)
+}
+
+/// The vote of each pair: a line's 240 divided by its pairs, at most 60; their sum, and the lines that have pairs.
+fn votes(rises: &Rises, stride: usize) -> (Rises, u16, u16) {
+    let mut counts = [0u16; TILE_SIDE];
+    for (row, rises) in rises.as_chunks::<TILE_SIDE>().0.iter().enumerate() {
+        if stride == 1 {
+            for (count, rise) in counts.iter_mut().zip(rises) {
+                *count += u16::from(*rise != NONE);
+            }
+        } else {
+            counts[row & 15] = rises.iter().map(|rise| u16::from(*rise != NONE)).sum();
+        }
+    }
+    let each = counts.map(|count| 240u16.checked_div(count.max(4)).unwrap_or(0) as i16);
+    let mut votes = [0; TILE_CELLS];
+    for (row, out) in votes.as_chunks_mut::<TILE_SIDE>().0.iter_mut().enumerate() {
+        *out = if stride == 1 { each } else { [each[row & 15]; TILE_SIDE] };
+    }
+    // 16 lines of 240 at most.
+    let total = counts.iter().zip(each).map(|(count, each)| count * each as u16).sum();
+    (votes, total, counts.iter().map(|count| u16::from(*count > 0)).sum())
 }
 
 fn limit(span: usize) -> i16 {
     STEEPEST / SPAN as i16 * span as i16
 }
 
-fn rises(heights: &Rises, known: &Rises, stride: usize, span: usize) -> (Rises, u16) {
-    let mut rises = [NONE; TILE_CELLS];
-    let limit = limit(span);
-    let reach = (span * stride).min(TILE_CELLS);
-    let ends = heights.iter().zip(known).skip(reach);
-    let starts = heights.iter().zip(known);
-    let mut count = 0u16;
-    for (rise, ((h0, k0), (h1, k1))) in rises.iter_mut().zip(starts.zip(ends)) {
-        let difference = h1.wrapping_sub(*h0);
-        let sound = k0 & k1 & -i16::from(difference >= -limit) & -i16::from(difference <= limit);
-        *rise = (difference & sound) | (NONE & !sound);
+fn rises(padded: &Padded, stride: usize, span: usize, out: &mut Rises) -> u16 {
+    if let (Some(starts), Some(ends)) = (padded.from(0), padded.from(span * stride)) {
+        differences(starts, ends, limit(span), out);
     }
     if stride == 1 {
-        // The last columns have no partner in their own row.
-        for row in rises.chunks_exact_mut(TILE_SIDE) {
-            for rise in row.iter_mut().skip(TILE_SIDE - span.min(TILE_SIDE)) {
-                *rise = NONE;
-            }
+        without_partner(out, span);
+    }
+    at_most(out, NONE - 1)
+}
+
+/// The last columns have no partner in their own row.
+#[inline(never)]
+fn without_partner(rises: &mut Rises, span: usize) {
+    let mut none = [0; TILE_SIDE];
+    for (column, none) in none.iter_mut().enumerate() {
+        *none = if column + span < TILE_SIDE { i16::MIN } else { NONE };
+    }
+    for row in rises.as_chunks_mut::<TILE_SIDE>().0 {
+        for column in 0..TILE_SIDE {
+            row[column] = row[column].max(none[column]);
         }
     }
-    for rise in &rises {
-        count += u16::from(*rise != NONE);
+}
+
+/// Ends less starts where both are known and they differ by no more than the limit.
+#[inline(never)]
+fn differences((starts, from): (&Rises, &Rises), (ends, to): (&Rises, &Rises), limit: i16, out: &mut Rises) {
+    for cell in 0..TILE_CELLS {
+        let difference = ends[cell].wrapping_sub(starts[cell]);
+        let sound = from[cell] & to[cell] & -i16::from(difference >= -limit) & -i16::from(difference <= limit);
+        out[cell] = (difference & sound) | (NONE & !sound);
     }
-    (rises, count)
 }
 
-/// Smallest value with at least half of the pairs at or below it.
-fn median(rises: &Rises, pairs: u16, limit: i16) -> i16 {
-    if pairs == 0 { 0 } else { quantile(rises, pairs.div_ceil(2), limit) }
-}
-
-/// Smallest value from `-limit` to `limit` with at least `count` of the values at or below it, by bisection on the value: counting is
-/// a branchless pass over 256 words.
-fn quantile(values: &Rises, count: u16, limit: i16) -> i16 {
+/// Smallest value from `-limit` to `limit` at or below which lies at least `share`, by bisection on the value: summing up is a branchless pass
+/// over 256 words.
+fn quantile(limit: i16, share: u16, at_most: impl Fn(i16) -> u16) -> i16 {
     let (mut low, mut high) = (-limit, limit);
     while low < high {
         let middle = ((i32::from(low) + i32::from(high)) >> 1) as i16;
-        if at_most(values, middle) >= count {
+        if at_most(middle) >= share {
             high = middle;
         } else {
             low = middle + 1;
@@ -154,66 +217,131 @@ fn quantile(values: &Rises, count: u16, limit: i16) -> i16 {
 }
 
 #[inline(never)]
-fn at_most(rises: &Rises, bound: i16) -> u16 {
+fn at_most(values: &Rises, bound: i16) -> u16 {
     let mut count = 0i16;
-    for rise in rises {
-        count += i16::from(*rise <= bound);
+    for value in values {
+        count += i16::from(*value <= bound);
     }
     count as u16
 }
 
+#[inline(never)]
+fn weight_at_most(values: &Rises, weights: &Rises, bound: i16) -> u16 {
+    let mut sum = 0i16;
+    for cell in 0..TILE_CELLS {
+        sum += weights[cell] & -i16::from(values[cell] <= bound);
+    }
+    sum as u16
+}
+
 /// Pools the medians of a tile's neighbourhood: none where nothing around is known well enough.
 pub(crate) fn pool(window: &Window<'_>, around: &Neighbours<'_>, key: TileKey) -> Option<[i16; 2]> {
+    let mut near = [Votes::NONE; 2];
+    for (place, tile) in around.iter().enumerate() {
+        let Some(tile) = tile else { continue };
+        for (votes, (rise, pairs)) in near.iter_mut().zip(tile.own_rise.iter().zip(tile.pairs)) {
+            if let (Some(held), Some(weight)) = (votes.rise.get_mut(place), votes.weight.get_mut(place)) {
+                // The tile itself counts double.
+                *held = *rise;
+                *weight = i16::from(pairs.min(64)) << u8::from(place == 4);
+            }
+        }
+    }
+    let sure = near.map(|votes| votes.weight.iter().sum::<i16>() >= SURE as i16);
     let mut out = [0i16; 2];
-    for (axis, out) in out.iter_mut().enumerate() {
-        // The tile itself counts double.
-        let near = around.iter().enumerate().map(|(place, tile)| (tile, if place == 4 { 2 } else { 1 }));
-        let found = weighted_median(near, axis, SURE);
-        let found = found.or_else(|| weighted_median(square(window, key, 2), axis, SURE));
-        *out = found.or_else(|| weighted_median(square(window, key, 3), axis, ENOUGH))?;
+    if sure != [true; 2] {
+        let mut held = Held::around(window, key, 2);
+        if held.total.iter().zip(sure).any(|(total, sure)| !sure && *total < SURE) {
+            let wide = Held::around(window, key, 3);
+            for axis in 0..2 {
+                if held.total[axis] < SURE {
+                    (held.votes[axis], held.total[axis]) = (wide.votes[axis], wide.total[axis]);
+                }
+            }
+            held.used = wide.used;
+        }
+        for (axis, out) in out.iter_mut().enumerate().filter(|(axis, _)| !sure[axis & 1]) {
+            *out = held.median(axis)?;
+        }
+    }
+    for ((out, votes), sure) in out.iter_mut().zip(&near).zip(sure) {
+        if sure {
+            *out = votes.median();
+        }
     }
     Some(out)
 }
 
-/// The tiles up to `reach` away.
-fn square<'w>(window: &'w Window<'_>, key: TileKey, reach: i32) -> impl Iterator<Item = (Option<&'w Tile>, u16)> {
-    (-reach..=reach).flat_map(move |dy| {
-        (-reach..=reach).map(move |dx| {
-            let near = TileKey { x: key.x.wrapping_add(dx), y: key.y.wrapping_add(dy) };
-            (window.tile(near), if dx == 0 && dy == 0 { 2 } else { 1 })
-        })
-    })
+/// Rises of nine tiles along one axis and what each weighs, in two vectors of eight.
+#[derive(Clone, Copy)]
+struct Votes {
+    rise: [i16; 16],
+    weight: [i16; 16],
 }
 
-fn weighted_median<'w>(tiles: impl Iterator<Item = (Option<&'w Tile>, u16)>, axis: usize, least: u16) -> Option<i16> {
-    // 7 x 7 at most.
-    let mut held = [(0i16, 0u16); 49];
-    let mut used = 0;
-    let mut total = 0u16;
-    for (tile, times) in tiles {
-        let Some(tile) = tile else { continue };
-        let pairs = tile.pairs.get(axis).copied().unwrap_or(0);
-        if pairs == 0 {
-            continue;
+impl Votes {
+    const NONE: Self = Self { rise: [NONE; 16], weight: [0; 16] };
+
+    /// The smallest rise that half of the weight lies at or below: of each, what lies below is counted, which needs no branch and no order.
+    fn median(&self) -> i16 {
+        let total = self.weight.iter().sum::<i16>();
+        let mut best = NONE;
+        for rise in self.rise.iter().take(9) {
+            // Ten times 64 at most.
+            let mut below = 0;
+            for (other, weight) in self.rise.iter().zip(&self.weight) {
+                below += weight & -i16::from(other <= rise);
+            }
+            let half = -i16::from(2 * below >= total);
+            best = best.min((*rise & half) | (NONE & !half));
         }
-        let weight = u16::from(pairs.min(64)) * times;
-        if let Some(entry) = held.get_mut(used) {
-            *entry = (tile.own_rise.get(axis).copied().unwrap_or(0), weight);
-            used += 1;
-            total += weight;
+        best
+    }
+}
+
+/// Rises of up to 7 x 7 tiles along both axes, and what each weighs: nothing for a tile without pairs.
+struct Held {
+    votes: [[(i16, u16); 49]; 2],
+    total: [u16; 2],
+    used: usize,
+}
+
+impl Held {
+    /// Of the tiles up to `reach` away.
+    fn around(window: &Window<'_>, key: TileKey, reach: i32) -> Self {
+        let mut held = Self { votes: [[(0, 0); 49]; 2], total: [0; 2], used: 0 };
+        for dy in -reach..=reach {
+            for dx in -reach..=reach {
+                let near = TileKey { x: key.x.wrapping_add(dx), y: key.y.wrapping_add(dy) };
+                let Some(tile) = window.tile(near).filter(|tile| tile.pairs != [0; 2]) else { continue };
+                // The tile itself counts double.
+                let times = if dx == 0 && dy == 0 { 2 } else { 1 };
+                for axis in 0..2 {
+                    let weight = u16::from(tile.pairs[axis].min(64)) * times;
+                    if let Some(vote) = held.votes[axis].get_mut(held.used) {
+                        *vote = (tile.own_rise[axis], weight);
+                        held.total[axis] += weight;
+                    }
+                }
+                held.used += 1;
+            }
         }
+        held
     }
-    if total < least {
-        return None;
-    }
-    let held = held.get_mut(..used)?;
-    held.sort_unstable_by_key(|entry| entry.0);
-    let mut below = 0;
-    for (rise, weight) in held.iter() {
-        below += weight;
-        if 2 * below >= total {
-            return Some(*rise);
+
+    fn median(&mut self, axis: usize) -> Option<i16> {
+        let (votes, total) = (self.votes.get_mut(axis)?.get_mut(..self.used)?, *self.total.get(axis)?);
+        if total < ENOUGH {
+            return None;
         }
+        votes.sort_unstable_by_key(|vote| vote.0);
+        let mut below = 0;
+        for (rise, weight) in votes.iter() {
+            below += weight;
+            if 2 * below >= total && *weight > 0 {
+                return Some(*rise);
+            }
+        }
+        None
     }
-    None
 }

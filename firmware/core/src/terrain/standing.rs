@@ -5,7 +5,7 @@
 
 use super::config::TerrainConfig;
 use super::geometry::Pose;
-use super::marks::Marks;
+use super::marks::{Board, Marks};
 use super::project::Projection;
 use super::sight::RangeImage;
 use super::tile::{TILE_SIDE, Tile, TileKey, UNITS_PER_M};
@@ -21,15 +21,16 @@ const RECENT: u8 = 20;
 const EDGE: i32 = 160;
 
 /// Counts this frame's hits into the tiles, each as `by`.
-pub(crate) fn raise(window: &mut Window<'_>, marks: &[Marks], by: u8, stamp: u8) {
-    for (tile, mark) in window.tiles.iter_mut().zip(marks).filter(|(_, mark)| mark.any_hit) {
+pub(crate) fn raise(window: &mut Window<'_>, marks: &Board<'_>, by: u8, stamp: u8) {
+    for (slot, mark) in marks.touched().filter(|(_, mark)| mark.any_hit) {
+        let Some(tile) = window.tiles.get_mut(slot) else { continue };
         tile.in_use = true;
         tile.has_tall = true;
         tile.dirty = true;
         for (index, tall) in tile.tall.iter_mut().enumerate() {
             if Marks::is_set(&mark.hits, index as u8) {
                 *tall = tall.saturating_add(by).min(MOST);
-                tile.stamp[index & 255] = stamp;
+                tile.held[index & 255].stamp = stamp;
             }
         }
     }
@@ -38,7 +39,7 @@ pub(crate) fn raise(window: &mut Window<'_>, marks: &[Marks], by: u8, stamp: u8)
 /// Strikes what the frame sees through; returns how many cells lost their mark.
 pub(crate) fn look_through(
     window: &mut Window<'_>,
-    marks: &[Marks],
+    marks: &Board<'_>,
     image: &RangeImage<'_>,
     projection: &Projection,
     pose: &Pose,
@@ -47,10 +48,8 @@ pub(crate) fn look_through(
 ) -> u32 {
     let mut struck = 0;
     for slot in 0..window.tiles.len() {
-        let (Some(tile), Some(mark)) = (window.tiles.get(slot), marks.get(slot)) else { continue };
-        if !tile.has_tall {
-            continue;
-        }
+        let Some(tile) = window.tiles.get(slot).filter(|tile| tile.has_tall) else { continue };
+        let mark = marks.get(slot);
         let key = tile.key;
         let mut gone = [0u16; TILE_SIDE];
         let mut left = false;
@@ -62,7 +61,7 @@ pub(crate) fn look_through(
                 continue;
             }
             let (column, row) = (index & 15, index >> 4);
-            if hit_near(mark, column, row) {
+            if mark.is_some_and(|mark| hit_near(mark, column, row)) {
                 left = true;
                 continue;
             }
@@ -125,7 +124,7 @@ fn strike(window: &mut Window<'_>, key: TileKey, gone: &[u16; TILE_SIDE], stamp:
 
 fn empty_if_edge(tile: &mut Tile, cell: u8, stamp: u8) {
     let index = usize::from(cell);
-    let recent = stamp.wrapping_sub(tile.stamp[index]) <= RECENT;
+    let recent = stamp.wrapping_sub(tile.held[index].stamp) <= RECENT;
     let above = i32::from(tile.height[index]) - i32::from(tile.ground);
     if recent && tile.margin[index] != 0 && above > EDGE {
         tile.clear(cell);

@@ -18,10 +18,8 @@ pub(crate) const WEIGHT_ONE: f32 = 4096.0;
 pub(crate) const WEIGHT_CAP: u16 = 4096;
 /// Furthest from the tile's base, quarter millimetres.
 const HIGHEST: u32 = 32_000;
-/// A point that lies this far below its cell restarts it: the cell held something that has gone. 0.25 m.
-const RESTART_BELOW: i32 = 1000;
-/// A point this far above its cell is not the same surface. 0.25 m.
-const FOREIGN_ABOVE: i32 = 1000;
+/// A point this far from its cell is not the same surface, 0.25 m. One below it restarts the cell: what it held has gone.
+const ANOTHER: u32 = 1000;
 /// Scatter, in mm, from which a contradicted cell starts again.
 const SCATTER_RESTART: u8 = 150;
 
@@ -81,6 +79,21 @@ impl Class {
     }
 }
 
+/// What only the update of a cell needs: side by side, so that a point touches three cache lines and not five.
+#[derive(Clone, Copy)]
+pub(crate) struct Held {
+    /// 4096 / variance in mm^2.
+    pub(crate) weight: u16,
+    /// Running mean of |point - cell|, mm.
+    pub(crate) scatter: u8,
+    /// Low byte of the number of the frame that last touched the cell.
+    pub(crate) stamp: u8,
+}
+
+impl Held {
+    const NOTHING: Self = Self { weight: 0, scatter: 0, stamp: 0 };
+}
+
 /// A tile of the map. 2.6 KB.
 #[derive(Clone)]
 pub struct Tile {
@@ -90,6 +103,8 @@ pub struct Tile {
     /// Mean height of the known cells above the base, and how many there are (as of the last refresh).
     pub(crate) ground: i16,
     pub(crate) known: u16,
+    /// Known cells when the medians were worked out.
+    pub(crate) surveyed: u16,
     /// Median rise over four cells towards x and y within this tile, and the pairs behind each.
     pub(crate) own_rise: [i16; 2],
     pub(crate) pairs: [u8; 2],
@@ -103,13 +118,9 @@ pub struct Tile {
     /// Some cell's risk changed since the classes were told.
     pub(crate) unclassified: bool,
     pub(crate) height: [i16; TILE_CELLS],
-    pub(crate) weight: [u16; TILE_CELLS],
     /// Seven tenths of the cell's sigma in quarter millimetres; 0 says that nothing is known.
     pub(crate) margin: [u8; TILE_CELLS],
-    /// Running mean of |point - cell|, mm.
-    pub(crate) scatter: [u8; TILE_CELLS],
-    /// Low byte of the number of the frame that last touched the cell.
-    pub(crate) stamp: [u8; TILE_CELLS],
+    pub(crate) held: [Held; TILE_CELLS],
     pub(crate) tall: [u8; TILE_CELLS],
     pub(crate) risk: [u8; TILE_CELLS],
     /// Class in the low three bits, confidence 0-31 above.
@@ -123,6 +134,7 @@ impl Tile {
         base: 0,
         ground: 0,
         known: 0,
+        surveyed: 0,
         own_rise: [0; 2],
         pairs: [0; 2],
         rise: [0; 2],
@@ -132,10 +144,8 @@ impl Tile {
         reviewed: false,
         unclassified: false,
         height: [0; TILE_CELLS],
-        weight: [0; TILE_CELLS],
         margin: [0; TILE_CELLS],
-        scatter: [0; TILE_CELLS],
-        stamp: [0; TILE_CELLS],
+        held: [Held::NOTHING; TILE_CELLS],
         tall: [0; TILE_CELLS],
         risk: [0; TILE_CELLS],
         class: [0; TILE_CELLS],
@@ -165,8 +175,8 @@ impl Tile {
         let index = (row & 15) << 4 | (column & 15);
         Cell {
             height: (self.margin[index] != 0).then(|| self.base.saturating_add(i32::from(self.height[index]))),
-            weight: self.weight[index],
-            scatter_mm: self.scatter[index],
+            weight: self.held[index].weight,
+            scatter_mm: self.held[index].scatter,
             tall: self.tall[index] >= TALL_CERTAIN,
             risk: self.risk[index],
             class: Class::from_bits(self.class[index]),
@@ -175,7 +185,7 @@ impl Tile {
     }
 
     /// Minimum-variance update of a cell with one point. `z` is above the map's datum.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn fuse(&mut self, cell: u8, z: i32, weight: u16, stamp: u8, margins: &[u8; 256]) {
         let index = usize::from(cell);
         if !self.in_use {
@@ -188,59 +198,50 @@ impl Tile {
             return;
         }
         self.dirty = true;
-        self.stamp[index] = stamp;
-        let held = i32::from(self.height[index]);
-        let difference = relative.wrapping_sub(held);
-        let scatter = i32::from(self.scatter[index]);
-        if self.margin[index] == 0 || difference < -RESTART_BELOW {
-            self.set(index, relative, weight, margins);
+        let height = i32::from(self.height[index]);
+        let difference = relative.wrapping_sub(height);
+        if self.margin[index] == 0 || difference.unsigned_abs() > ANOTHER {
+            self.contradict(index, relative, weight, stamp, margins);
             return;
         }
-        if difference > FOREIGN_ABOVE {
-            // A cell made by a stray low point must not hold out against the ground above it for ever.
-            self.scatter[index] = self.scatter[index].saturating_add(60);
-            if self.scatter[index] > SCATTER_RESTART {
-                self.set(index, relative, weight, margins);
-            }
-            return;
-        }
-        let (old, new) = (u32::from(self.weight[index]), u32::from(weight));
+        let held = &mut self.held[index];
+        let (old, new) = (u32::from(held.weight), u32::from(weight));
         let sum = old + new;
         // Half away from zero. |difference| <= 1000 and weights of 16 bits: 28 bits; and it ends between the two heights.
         let off = difference.unsigned_abs();
         let step = (2 * off * new + sum).checked_div(2 * sum).unwrap_or(0) as i32;
-        self.height[index] = (if difference < 0 { held - step } else { held + step }) as i16;
-        self.weight[index] = sum.min(u32::from(WEIGHT_CAP)) as u16;
+        let scatter = i32::from(held.scatter);
         // Between the two again: an eighth of the way.
-        let spread = scatter + (((off >> 2).min(255) as i32 - scatter + 4) >> 3);
-        self.scatter[index] = spread as u8;
-        self.margin[index] = margin(self.weight[index], spread as u8, margins);
+        let spread = (scatter + (((off >> 2).min(255) as i32 - scatter + 4) >> 3)) as u8;
+        let weight = sum.min(u32::from(WEIGHT_CAP)) as u16;
+        *held = Held { weight, scatter: spread, stamp };
+        self.height[index] = (if difference < 0 { height - step } else { height + step }) as i16;
+        self.margin[index] = margin(weight, spread, margins);
     }
 
-    fn set(&mut self, index: usize, height: i32, weight: u16, margins: &[u8; 256]) {
+    /// A point of a cell that is not known, or that is known to lie elsewhere.
+    fn contradict(&mut self, index: usize, height: i32, weight: u16, stamp: u8, margins: &[u8; 256]) {
         let index = index & 255;
-        self.height[index] = height as i16;
-        self.weight[index] = weight;
-        self.scatter[index] = 0;
-        self.margin[index] = margin(weight, 0, margins);
-    }
-
-    /// All ones where a cell is known, 0 where it is not.
-    #[inline]
-    pub(crate) fn known_masks(&self) -> [i16; TILE_CELLS] {
-        let mut masks = [0; TILE_CELLS];
-        for (mask, margin) in masks.iter_mut().zip(&self.margin) {
-            *mask = -i16::from(*margin != 0);
+        let held = &mut self.held[index];
+        held.stamp = stamp;
+        if self.margin[index] != 0 && height > i32::from(self.height[index]) {
+            // A cell made by a stray low point must not hold out against the ground above it for ever.
+            held.scatter = held.scatter.saturating_add(60);
+            if held.scatter <= SCATTER_RESTART {
+                return;
+            }
         }
-        masks
+        *held = Held { weight, scatter: 0, stamp };
+        self.height[index] = height as i16;
+        self.margin[index] = margin(weight, 0, margins);
     }
 
     /// Empties a cell.
     pub(crate) fn clear(&mut self, cell: u8) {
         let index = usize::from(cell);
-        self.weight[index] = 0;
+        let held = &mut self.held[index];
+        (held.weight, held.scatter) = (0, 0);
         self.margin[index] = 0;
-        self.scatter[index] = 0;
         self.dirty = true;
     }
 }

@@ -12,7 +12,7 @@ pub(crate) struct Window<'a> {
     /// The tile in the window's lowest corner.
     pub(crate) origin: TileKey,
     /// The slot's column and row of the window's lowest corner.
-    corner: [u32; 2],
+    pub(crate) corner: [u32; 2],
     placed: bool,
 }
 
@@ -55,10 +55,11 @@ impl<'a> Window<'a> {
             let y = key_in_window(row as i32, origin.y, side);
             for (column, tile) in tiles.iter_mut().enumerate() {
                 let key = TileKey { x: key_in_window(column as i32, origin.x, side), y };
-                if tile.key != key || !tile.in_use {
-                    if tile.in_use {
-                        retired(tile);
-                    }
+                if !tile.in_use {
+                    // Nothing was ever written to it.
+                    tile.key = key;
+                } else if tile.key != key {
+                    retired(tile);
                     tile.restart(key);
                 }
             }
@@ -97,26 +98,24 @@ impl<'a> Window<'a> {
         Neighbours(all)
     }
 
-    /// The tile at a world position, if the window covers it.
-    pub(crate) fn tile(&self, key: TileKey) -> Option<&Tile> {
+    /// The slot of a tile, if the window covers it.
+    #[inline]
+    pub(crate) fn slot_of(&self, key: TileKey) -> Option<usize> {
         let column = key.x.wrapping_sub(self.origin.x) as u32;
         let row = key.y.wrapping_sub(self.origin.y) as u32;
         let side = u32::from(self.side);
-        if column >= side || row >= side {
-            return None;
-        }
-        self.tiles.get(self.slot(column, row))
+        (column < side && row < side).then(|| self.slot(column, row))
+    }
+
+    /// The tile at a world position, if the window covers it.
+    #[inline]
+    pub(crate) fn tile(&self, key: TileKey) -> Option<&Tile> {
+        self.tiles.get(self.slot_of(key)?)
     }
 
     /// The same, to change it.
     pub(crate) fn tile_mut(&mut self, key: TileKey) -> Option<&mut Tile> {
-        let column = key.x.wrapping_sub(self.origin.x) as u32;
-        let row = key.y.wrapping_sub(self.origin.y) as u32;
-        let side = u32::from(self.side);
-        if column >= side || row >= side {
-            return None;
-        }
-        let slot = self.slot(column, row);
+        let slot = self.slot_of(key)?;
         self.tiles.get_mut(slot)
     }
 }
