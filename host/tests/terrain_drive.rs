@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use crossfall::terrain::drive::{Body, Shape, TerrainScene};
+use crossfall::terrain::ghosts;
 use crossfall::terrain::lidar::Lidar;
 use crossfall::terrain::mapper::Workshop;
 use crossfall::terrain::raster::Raster;
@@ -87,6 +88,16 @@ fn a_parked_car_stands_and_a_post_does_too() {
             assert!(standing, "nothing stands at {at} {lateral}");
         }
     });
+}
+
+#[test]
+fn an_oncoming_car_leaves_nothing_where_the_road_is_seen_again() {
+    let mut scene = TerrainScene { frames: 45, ..scene() };
+    scene.lidar.columns = 400;
+    scene.bodies = vec![Body { shape: Shape::Car, at_m: 60.0, lateral_m: 1.75, speed_mps: -10.0, across_mps: 0.0 }];
+    let ghost = ghosts::drive("oncoming car", &scene).unwrap();
+    assert!(ghost.visible > 5_000, "{ghost:?}");
+    assert_eq!(ghost.risky, 0, "{ghost:?}");
 }
 
 #[test]

@@ -39,7 +39,11 @@ pub fn ghosts(seed: u64) -> Result<Vec<Ghost>> {
     Ok(out)
 }
 
-fn drive(name: &'static str, scene: &TerrainScene) -> Result<Ghost> {
+/// Drives one scene.
+///
+/// # Errors
+/// A scene out of range.
+pub fn drive(name: &'static str, scene: &TerrainScene) -> Result<Ghost> {
     let mut workshop = Workshop::for_range(TerrainConfig::default(), 60.0, 300_000);
     let mut mapper = workshop.open().map_err(|what| anyhow!("the map cannot be set up: {what:?}"))?;
     let (rows, columns) = (56usize, 900usize);
