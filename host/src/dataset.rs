@@ -9,7 +9,6 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 
-use crate::drive::ReadError;
 use crate::intervals::{Every, Gather};
 use crate::output::{self, Output};
 use crate::profiles::{Row, Rows};
@@ -37,12 +36,6 @@ pub enum Error {
         /// Why.
         source: table::Error,
     },
-    /// What the table's rows come from cannot be read to its end.
-    #[error(transparent)]
-    Drive(#[from] ReadError),
-    /// The user asked to stop.
-    #[error("interrupted")]
-    Interrupted,
     /// Two logs would be written to one partition file.
     #[error("{} and {}: two drives of one name on one road", one.display(), other.display())]
     SameName {
@@ -92,12 +85,12 @@ pub fn write_from<T: Send>(
     every: Option<Every>,
     format: Format,
     to: &Path,
-    make: impl FnOnce(&mut RowSink) -> Result<T, ReadError> + Send,
+    make: impl FnOnce(&mut RowSink) -> Result<T, container::Error> + Send,
 ) -> Result<(Written, T), Error> {
     let output = Output::create(to)?;
     let (output, written, made) = tabulate(every, format, output, make).map_err(|error| match error {
         Stopped::Table(source) => Error::Table { path: to.to_path_buf(), source },
-        Stopped::Interrupted => Error::Interrupted,
+        Stopped::Interrupted => container::Error::Interrupted.into(),
     })?;
     let made = made?;
     output.commit()?;

@@ -95,23 +95,12 @@ pub struct Drive {
     pub gps_week: Option<u16>,
 }
 
-/// A drive could not be read.
-#[derive(Debug, thiserror::Error)]
-pub enum ReadError {
-    /// The log cannot be read.
-    #[error(transparent)]
-    Log(#[from] Error),
-    /// The user asked to stop.
-    #[error("interrupted")]
-    Interrupted,
-}
-
 impl Drive {
     /// Reads a log. `progress` is told how far it has been read, in bytes.
     ///
     /// # Errors
     /// When the log cannot be read at all, or the user asks to stop.
-    pub fn read(log: &Path, progress: impl FnMut(u64)) -> Result<Self, ReadError> {
+    pub fn read(log: &Path, progress: impl FnMut(u64)) -> Result<Self, Error> {
         Self::read_with(log, progress, |_| ())
     }
 
@@ -119,11 +108,7 @@ impl Drive {
     ///
     /// # Errors
     /// As of [`Drive::read`].
-    pub fn read_with(
-        log: &Path,
-        mut progress: impl FnMut(u64),
-        mut also: impl FnMut([Row; 2]),
-    ) -> Result<Self, ReadError> {
+    pub fn read_with(log: &Path, mut progress: impl FnMut(u64), mut also: impl FnMut([Row; 2])) -> Result<Self, Error> {
         let mut walk = Walk::open(log)?;
         let mut drive = Self::default();
         let mut spacing = 1;
@@ -148,7 +133,7 @@ impl Drive {
             }
             progress(walk.offset());
             if interrupt::requested() {
-                return Err(ReadError::Interrupted);
+                return Err(Error::Interrupted);
             }
         }
         drive.health.damage = walk.damage();

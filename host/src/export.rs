@@ -45,9 +45,6 @@ pub enum Error {
         /// Why.
         source: mcap::McapError,
     },
-    /// The user asked to stop.
-    #[error("interrupted")]
-    Interrupted,
 }
 
 /// What was made.
@@ -132,7 +129,7 @@ pub fn foxglove(log: &Path, to: &Path, mut progress: impl FnMut(u64)) -> Result<
         if made.profiles.is_multiple_of(512) {
             progress(offset);
             if interrupt::requested() {
-                return Err(Error::Interrupted);
+                return Err(container::Error::Interrupted.into());
             }
         }
         made.profiles += 1;

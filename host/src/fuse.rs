@@ -10,7 +10,7 @@
 use crate::along::Along;
 use crate::drive::Drive;
 use crate::geodesy::Geodetic;
-use crate::intervals::{Estimate, Every, Samples};
+use crate::intervals::{Estimate, Every, Sample, Samples};
 use crate::table::{Column, Kind, Record, Shape, Value};
 
 /// A slope of a stretch, from both drives.
@@ -66,7 +66,7 @@ pub fn fuse(first: &Drive, second: &Drive, every: Every) -> Option<Vec<Fused>> {
     for scan in first.scans.iter().filter(|scan| scan.station_m.is_finite()) {
         let Some(stretch) = number(scan.station_m).and_then(|number| stretches.get_mut(number)) else { continue };
         stretch.place = stretch.place.or(scan.place[0].is_finite().then_some(scan.place));
-        add(&mut stretch.first, [scan.slopes[0], scan.slopes[1]], 1.0);
+        add(&mut stretch.first, scan.station_m, [scan.slopes[0], scan.slopes[1]], 1.0);
     }
     let stations: Vec<Option<f64>> = second
         .scans
@@ -77,11 +77,12 @@ pub fn fuse(first: &Drive, second: &Drive, every: Every) -> Option<Vec<Fused>> {
     let (start, end) = (*known.next()?, known.next_back().copied()?);
     let opposite = end < start;
     for (scan, station) in second.scans.iter().zip(&stations) {
-        let Some(stretch) = station.and_then(number).and_then(|number| stretches.get_mut(number)) else { continue };
+        let Some(at_m) = *station else { continue };
+        let Some(stretch) = number(at_m).and_then(|number| stretches.get_mut(number)) else { continue };
         let [adjacent, opposing, ..] = scan.slopes;
         match opposite {
-            true => add(&mut stretch.second, [opposing, adjacent], -1.0),
-            false => add(&mut stretch.second, [adjacent, opposing], 1.0),
+            true => add(&mut stretch.second, at_m, [opposing, adjacent], -1.0),
+            false => add(&mut stretch.second, at_m, [adjacent, opposing], 1.0),
         }
     }
     let fused = stretches.into_iter().enumerate().map(|(i, stretch)| {
@@ -109,10 +110,10 @@ struct Stretch {
     second: [Samples; 2],
 }
 
-fn add(into: &mut [Samples; 2], slopes: [(f32, f32); 2], sign: f64) {
+fn add(into: &mut [Samples; 2], at_m: f64, slopes: [(f32, f32); 2], sign: f64) {
     for (samples, (slope, ci95)) in into.iter_mut().zip(slopes) {
         if slope.is_finite() {
-            samples.push((sign * f64::from(slope), if ci95.is_finite() { f64::from(ci95) / 1.96 } else { 0.0 }));
+            samples.push(Sample::new(sign * f64::from(slope), f64::from(ci95), at_m));
         }
     }
 }

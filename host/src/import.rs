@@ -5,6 +5,7 @@
 //! much later as its header's GPS time says. Both dumps are taken to begin together. What lies between frames goes with the frame before
 //! it: every byte is kept, in its order. Both dumps are in memory at once.
 
+use crossfall_core::clock::GpsTime;
 use crossfall_core::protocol::DeviceTime;
 use crossfall_core::protocol::message::LineCounters;
 use crossfall_core::scan::TURN_US;
@@ -179,7 +180,7 @@ fn place_cola(bytes: &[u8]) -> (Vec<Stretch>, Lidar) {
 fn place_ins(bytes: &[u8]) -> (Vec<Stretch>, Ins) {
     let mut decoder = novatel::Decoder::new();
     let mut found = Ins::default();
-    let mut frames: Vec<(usize, Option<novatel::GpsTime>)> = Vec::new();
+    let mut frames: Vec<(usize, Option<GpsTime>)> = Vec::new();
     let mut note = |event: novatel::Event<'_>| {
         // Time status 20 = unknown; a short header is only used by logs of a known time.
         let known = event.header.time_status.is_none_or(|status| status > 20);
@@ -194,7 +195,7 @@ fn place_ins(bytes: &[u8]) -> (Vec<Stretch>, Ins) {
 
     let mut starts: Vec<(usize, u64)> = Vec::new();
     // The last GPS time that was believed, and the device time that it stands for.
-    let mut anchor: Option<(novatel::GpsTime, u64)> = None;
+    let mut anchor: Option<(GpsTime, u64)> = None;
     for (from, gps) in frames {
         // No frame begins before the one before it has passed the line.
         let free_us =

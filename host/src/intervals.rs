@@ -1,15 +1,7 @@
-//! Slopes per stretch of road: what all scans of a stretch say together.
-//!
-//! The value is the mean of the scans, of which none counts as further from the median of its fifteen neighbours than 2.5 robust standard deviations of such
-//! distances (winsorised, after Tukey and McLaughlin, 1963). A stray is told by its neighbours and not by the whole stretch: ground that falls by a degree more
-//! in one half of a tenth of a mile than in the other is no stray, and an estimate that takes it for one errs by half a degree. As precise as
-//! the mean for clean scans; a tenth of lone strays moves it by a quarter of the noise. What fills half of the fifteen scans in a row counts as ground. Its
-//! interval has two parts. The scans' own intervals are
-//! independent and shrink with their number. The inertial unit's roll error is common to neighbouring scans and does not: [`ROLL_SD_DEG`] is
-//! added to every interval, so that no number of scans claims more than the unit can give. What the slope itself varies along the stretch is told apart,
-//! as `sd`.
-//!
-//! A stretch holds at most [`HELD`] samples of a quantity; beyond (a vehicle that stands) every second one is let go, and so on.
+//! Slopes per stretch of road: what all scans of a stretch say together, see [`Samples`] for how. What the slope itself varies along the stretch is told
+//! apart from what its value may be off by, as `sd`.
+
+mod samples;
 
 use std::str::FromStr;
 
@@ -17,20 +9,10 @@ use crate::geodesy::{Geodetic, between};
 use crate::profiles::{Row, SlopeRow, flag_names};
 use crate::table::{Column, Kind, Record, Shape, Value};
 
-/// One standard deviation of the inertial unit's roll, after its data sheet, in degrees.
-pub const ROLL_SD_DEG: f64 = 0.015;
-
-/// Samples held of one quantity of one stretch.
-pub const HELD: usize = 8_192;
-
-/// Scans whose median a scan is held against: ten metres of road at 90 km/h, and an odd number.
-const NEIGHBOURS: usize = 15;
+pub use samples::{Estimate, HELD, ROLL_SD_DEG, Sample, Samples};
 
 /// Metres in a statute mile.
 pub const MILE_M: f64 = 1_609.344;
-
-/// Half width of a 95 % interval in standard deviations.
-const WIDTH_95: f64 = 1.959_964;
 
 /// The length of a stretch.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,19 +38,6 @@ impl FromStr for Every {
         let metres = number.parse::<f64>().map_err(|_| "expected a number before the unit".to_owned())? * scale;
         if (0.1..=1e6).contains(&metres) { Ok(Self { metres }) } else { Err("expected 0.1 m to 1000 km".to_owned()) }
     }
-}
-
-/// A quantity over a stretch.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Estimate {
-    /// Robust location.
-    pub value: f64,
-    /// Half width of its 95 % interval.
-    pub ci95: f64,
-    /// Robust standard deviation of the single scans about it.
-    pub sd: f64,
-    /// Scans that it rests on.
-    pub count: u64,
 }
 
 /// A slope over a stretch.
@@ -310,13 +279,14 @@ impl Stretch {
         for (bit, count) in self.flags.iter_mut().enumerate() {
             *count += u64::from(row.flags >> bit & 1);
         }
-        self.road.extend(row.road_slope_deg.map(|slope| (slope, 0.0)));
-        self.edge.extend(row.edge_y_m.map(|edge| (edge, 0.0)));
+        let bare = |value: f64| Sample::new(value, f64::NAN, station_m);
+        row.road_slope_deg.into_iter().for_each(|slope| self.road.push(bare(slope)));
+        row.edge_y_m.into_iter().for_each(|edge| self.edge.push(bare(edge)));
         for (samples, slope) in self.slopes.iter_mut().zip([row.adjacent, row.opposing]) {
             let Some(SlopeRow { slope_deg, ci95_deg, length_m, end_y_m, .. }) = slope else { continue };
-            samples.slope.push((slope_deg, ci95_deg.unwrap_or_default() / WIDTH_95));
-            samples.length.push((length_m, 0.0));
-            samples.end.push((end_y_m, 0.0));
+            samples.slope.push(Sample::new(slope_deg, ci95_deg.unwrap_or(f64::NAN), station_m));
+            samples.length.push(bare(length_m));
+            samples.end.push(bare(end_y_m));
         }
     }
 
@@ -345,100 +315,6 @@ impl Stretch {
             middle: self.middle,
         }
     }
-}
-
-/// Values with their standard deviations.
-#[derive(Clone, Debug, Default)]
-pub struct Samples {
-    held: Vec<(f64, f64)>,
-    seen: u64,
-    /// Every 2^n-th is held.
-    thinned: u32,
-}
-
-impl Samples {
-    /// Takes in a value and its own standard deviation, 0 where it is not known.
-    pub fn push(&mut self, sample: (f64, f64)) {
-        if self.seen.trailing_zeros() >= self.thinned {
-            self.held.push(sample);
-            if self.held.len() == HELD {
-                let mut keep = false;
-                self.held.retain(|_| {
-                    keep = !keep;
-                    keep
-                });
-                self.thinned += 1;
-            }
-        }
-        self.seen += 1;
-    }
-
-    fn extend(&mut self, sample: Option<(f64, f64)>) {
-        if let Some(sample) = sample {
-            self.push(sample);
-        }
-    }
-
-    /// The median.
-    #[must_use]
-    pub fn median(&self) -> Option<f64> {
-        median(&mut self.held.iter().map(|sample| sample.0).collect::<Vec<_>>())
-    }
-
-    /// The robust estimate of an angle in degrees, see the module.
-    #[must_use]
-    pub fn estimate(&self) -> Option<Estimate> {
-        const BEND: f64 = 2.5;
-        let count = self.held.len() as f64;
-        let mut off = self.around(self.median()?);
-        let sd = 1.4826 * median(&mut off)?;
-        let levels = self.levels();
-        let mut off: Vec<f64> = self.held.iter().zip(&levels).map(|(sample, level)| (sample.0 - level).abs()).collect();
-        let noise = 1.4826 * median(&mut off)?;
-        let bend = BEND * noise;
-        let sum: f64 =
-            self.held.iter().zip(&levels).map(|((value, _), level)| level + (value - level).clamp(-bend, bend)).sum();
-        // A scan without an interval of its own has that of its kind.
-        let variance: f64 = self.held.iter().map(|&(_, own)| if own > 0.0 { own * own } else { noise * noise }).sum();
-        let thinning = count / self.seen as f64;
-        let independent = variance / (count * count) * thinning;
-        let ci95 = WIDTH_95 * (independent + ROLL_SD_DEG * ROLL_SD_DEG).sqrt();
-        Some(Estimate { value: sum / count, ci95, sd, count: self.seen })
-    }
-
-    fn around(&self, value: f64) -> Vec<f64> {
-        self.held.iter().map(|sample| (sample.0 - value).abs()).collect()
-    }
-
-    /// The median of each sample's neighbours, itself among them; of the outermost so many at either end.
-    fn levels(&self) -> Vec<f64> {
-        let last = self.held.len().saturating_sub(NEIGHBOURS);
-        let mut room = Vec::with_capacity(NEIGHBOURS);
-        let mut levels = Vec::with_capacity(self.held.len());
-        for i in 0..self.held.len() {
-            let first = i.saturating_sub(NEIGHBOURS / 2).min(last);
-            // At both ends the window stands still.
-            if levels.is_empty() || (1..=last).contains(&(i.saturating_sub(NEIGHBOURS / 2))) {
-                room.clear();
-                room.extend(self.held.iter().skip(first).take(NEIGHBOURS).map(|sample| sample.0));
-                levels.extend(median(&mut room));
-            } else {
-                levels.extend(levels.last().copied());
-            }
-        }
-        levels
-    }
-}
-
-/// The median; the mean of the middle two of an even number.
-fn median(values: &mut [f64]) -> Option<f64> {
-    let half = values.len() / 2;
-    if values.is_empty() {
-        return None;
-    }
-    let odd = values.len() % 2 == 1;
-    let (below, &mut middle, _) = values.select_nth_unstable_by(half, f64::total_cmp);
-    Some(if odd { middle } else { (below.iter().copied().fold(f64::MIN, f64::max) + middle) / 2.0 })
 }
 
 #[cfg(test)]
@@ -481,61 +357,6 @@ mod tests {
         let borders: Vec<_> = done.iter().map(|one| (one.from_m, one.to_m, one.scans)).collect();
         assert_eq!(borders, [(0.0, 10.0, 7), (10.0, 20.0, 10), (20.0, 30.0, 10), (30.0, 40.0, 10), (40.0, 50.0, 3)]);
         assert!(done.iter().all(|one| (one.adjacent.unwrap().slope_deg.value + 8.0).abs() < 1e-9));
-    }
-
-    #[test]
-    fn strays_hardly_move_the_estimate() {
-        let mut samples = Samples::default();
-        for i in 0..100 {
-            let noise = f64::from((i * 37) % 100) / 100.0 - 0.495;
-            samples.push((if i % 10 == 0 { 12.0 } else { -8.0 + 0.1 * noise }, 0.03));
-        }
-        let estimate = samples.estimate().unwrap();
-        assert!((estimate.value + 8.0).abs() < 0.02, "{estimate:?}");
-        assert_eq!(estimate.count, 100);
-    }
-
-    #[test]
-    fn ground_that_changes_along_a_stretch_has_the_mean_of_its_slopes() {
-        // A quarter of the stretch is four degrees steeper, and every twentieth scan is a stray.
-        let mut samples = Samples::default();
-        let (mut sum, count) = (0.0, 240);
-        for i in 0..count {
-            let ground = if i < 60 { -12.0 } else { -8.0 + f64::from(i) * 0.002 };
-            let noise = f64::from((i * 37) % 100) / 1_000.0 - 0.0495;
-            sum += ground;
-            samples.push((if i % 20 == 7 { ground + 9.0 } else { ground + noise }, 0.03));
-        }
-        let estimate = samples.estimate().unwrap();
-        let mean = sum / f64::from(count);
-        assert!((estimate.value - mean).abs() < 0.02, "{estimate:?} {mean}");
-        assert!(estimate.sd < 1.0, "most of it is alike: {estimate:?}");
-    }
-
-    #[test]
-    fn levels_are_the_medians_of_the_nearest_fifteen() {
-        let mut samples = Samples::default();
-        (0..40).for_each(|i| samples.push((f64::from(i * i % 17), 0.1)));
-        let values: Vec<f64> = samples.held.iter().map(|sample| sample.0).collect();
-        for (i, level) in samples.levels().into_iter().enumerate() {
-            let first = i.saturating_sub(7).min(25);
-            let mut window = values[first..first + 15].to_vec();
-            assert_eq!(Some(level), median(&mut window), "at {i}");
-        }
-        let mut few = Samples::default();
-        (0..4).for_each(|i| few.push((f64::from(i), 0.1)));
-        assert_eq!(few.levels(), [1.5; 4]);
-        assert_eq!(Samples::default().estimate(), None);
-    }
-
-    #[test]
-    fn no_number_of_scans_claims_more_than_the_inertial_unit_gives() {
-        let mut samples = Samples::default();
-        (0..100_000).for_each(|_| samples.push((-8.0, 0.05)));
-        let estimate = samples.estimate().unwrap();
-        assert!(samples.held.len() < HELD, "memory is bounded");
-        assert_eq!(estimate.count, 100_000);
-        assert!(estimate.ci95 >= WIDTH_95 * ROLL_SD_DEG && estimate.ci95 < 0.031, "{estimate:?}");
     }
 
     #[test]

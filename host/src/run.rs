@@ -84,13 +84,12 @@ pub fn run_over(
     progress: impl FnMut(u64),
 ) -> Result<Summary, Error> {
     let (family, chunks) = scanner::of_chunks(chunks);
-    let mut wires = Wires::new(config);
+    let wires = Wires::new(config, family);
     let mut summary = match family {
         Family::Lms2xx => {
             run_through(Instrument::new(*config, identity()), wires, chunks, first_ns, config, log, progress)?
         }
         Family::Cola => {
-            wires.lidar = Wire::new(scanner::ETHERNET_BAUD);
             let instrument = Instrument::with_scanner(cola::Decoder::default(), *config, identity());
             run_through(instrument, wires, chunks, first_ns, config, log, progress)?
         }
@@ -207,8 +206,12 @@ struct Wire {
 
 impl Wires {
     /// Nothing waits.
-    pub(crate) fn new(config: &Config) -> Self {
-        Self { pulses: VecDeque::new(), lidar: Wire::new(config.scanner.baud), ins: Wire::new(config.ins.baud) }
+    pub(crate) fn new(config: &Config, family: Family) -> Self {
+        let lidar = match family {
+            Family::Lms2xx => config.scanner.baud,
+            Family::Cola => scanner::ETHERNET_BAUD,
+        };
+        Self { pulses: VecDeque::new(), lidar: Wire::new(lidar), ins: Wire::new(config.ins.baud) }
     }
 
     /// What comes next on one of them.

@@ -109,7 +109,7 @@ impl Track {
         });
         let mut knot = Knot {
             time: pose.time,
-            gps: GpsTime::new(pose.gps_week, pose.gps_us),
+            gps: GpsTime { week: pose.gps_week, us: pose.gps_us },
             roll: pose.roll,
             pitch: pose.pitch,
             azimuth: pose.azimuth,
@@ -184,7 +184,7 @@ impl Track {
         let angle = |from: Angle, to: Angle| (degrees(from) + degrees(to - from) * part).to_radians();
         let turn =
             Turn { roll: angle(a.roll, b.roll), pitch: angle(a.pitch, b.pitch), azimuth: angle(a.azimuth, b.azimuth) };
-        let gps = GpsTime(a.gps.0 + ((b.gps.0 - a.gps.0) as f64 * part).round() as i64);
+        let gps = GpsTime::of_count(a.gps.count_us() + (b.gps.since(a.gps) as f64 * part).round() as i64);
         let geodetic = a.fix.zip(b.fix).map(|(a, b)| {
             let unit = [
                 between(a.latitude_ndeg as f64 * 1e-9, b.latitude_ndeg as f64 * 1e-9),
@@ -208,7 +208,8 @@ impl Track {
         let (week, week_us) = clock.gps?;
         let since_us = time.since(clock.anchor) as f64;
         let gps_us = since_us - since_us * f64::from(clock.drift) / 4_294_967_296.0;
-        Some(seconds(GpsTime(GpsTime::new(week, week_us).0 + gps_us.round() as i64)))
+        let named = GpsTime { week, us: week_us };
+        Some(seconds(GpsTime::of_count(named.count_us() + gps_us.round() as i64)))
     }
 }
 
@@ -220,8 +221,7 @@ impl Knot {
 }
 
 fn seconds(gps: GpsTime) -> (u16, f64) {
-    let (week, week_us) = gps.split();
-    (week, week_us as f64 * 1e-6)
+    (gps.week, gps.us as f64 * 1e-6)
 }
 
 /// Between two longitudes the short way round, in degrees from -180 to 180.

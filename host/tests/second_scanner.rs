@@ -4,12 +4,16 @@ use std::path::Path;
 
 use crossfall::capture::{Channel, Reader, Writer};
 use crossfall::import::import;
-use crossfall::profiles::{Row, Rows};
+use crossfall::live::film::{Film, Shown};
+use crossfall::profiles::{Row, Rows, sides};
 use crossfall::scanner::Family;
 use crossfall::simulate::scene::{Kind, Scene};
 use crossfall::simulate::{self, truth};
+use crossfall::track::Position;
 use crossfall::{log, run, verify};
+use crossfall_core::instrument::Event;
 use crossfall_core::protocol::Config;
+use crossfall_core::protocol::message::Message;
 
 fn scene() -> Scene {
     let mut scene = Scene::default();
@@ -67,6 +71,30 @@ fn a_drive_with_an_lms_111_is_measured_as_well_as_one_with_an_lms_291() {
     let mean: f64 = rows.iter().filter(|row| row.left).map(|row| row.roll_deg).sum::<f64>() / 300.0;
     let true_mean = truth.iter().map(|row| row.roll_deg).sum::<f64>() / 300.0;
     assert!((mean - true_mean).abs() < 0.01, "{mean} {true_mean}");
+}
+
+#[test]
+fn a_capture_of_it_plays_on_the_live_page_as_run_measures_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let (drive, to) = (folder.path().join("drive.mcap"), folder.path().join("drive.log.mcap"));
+    capture(&scene(), &drive);
+    let expected: Vec<_> = rows(&drive, &to).1.into_iter().filter(|row| row.left).map(|row| row.adjacent).collect();
+    let mut film = Film::open(&drive, None).unwrap();
+    let mut found = Vec::new();
+    film.play(u64::MAX, &mut |shown| {
+        if let Shown::Event(Event::Message(Message::Profile(profile))) = shown {
+            found.push(sides(&profile, Position::default())[0].adjacent);
+        }
+    });
+    assert!(found == expected && found.len() == 300, "{} profiles", found.len());
+    // Wound back to the middle it shows what it had shown there.
+    let (first, last) = film.span_ns();
+    let mut after = 0;
+    film.wind(first.midpoint(last), &mut |_| ()).unwrap();
+    film.play(u64::MAX, &mut |shown| {
+        after += u32::from(matches!(shown, Shown::Event(Event::Message(Message::Profile(_)))));
+    });
+    assert!((140..160).contains(&after), "{after}");
 }
 
 #[test]

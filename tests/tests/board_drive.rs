@@ -102,7 +102,7 @@ fn compare(board: &Path, in_process: &Path, offset_us: i64) {
     };
     let (board, in_process) = (rows(board), rows(in_process));
     assert_eq!(board.len(), in_process.len());
-    let (mut compared, mut punctual, mut regrouped, mut squares, mut latest_us) = (0, 0, 0, 0.0, 0);
+    let (mut compared, mut punctual, mut regrouped, mut squares, mut latest_us) = (0, 0, 0, 0.0_f64, 0);
     for (key, ours) in &in_process {
         let theirs = &board[key];
         let late_us = theirs.time.0 as i64 - offset_us - ours.time.0 as i64;
@@ -113,14 +113,17 @@ fn compare(board: &Path, in_process: &Path, offset_us: i64) {
             let (Some(ours), Some(theirs)) = (ours, theirs) else { continue };
             let difference = theirs.slope_deg - ours.slope_deg;
             compared += 1;
-            // Another roll may put another return on the line or off it: what that does is bounded, and rare.
+            // Another roll may put another return on a slope or off it, of fifteen on a short one: rare, and two estimates of one slope still agree
+            // as their intervals say, by the root of the sum of their squares.
+            let intervals = ours.ci95_deg.unwrap_or(0.0).hypot(theirs.ci95_deg.unwrap_or(0.0));
             assert!(
-                difference.abs() <= 0.15 + rolled_deg,
+                difference.abs() <= intervals + rolled_deg,
                 "scan {}: {difference:.4} degrees from the same scan's in process, {late_us} us late",
                 key.0
             );
-            regrouped += u32::from(difference.abs() > 0.005 + rolled_deg);
-            if late_us.abs() < 500 {
+            if difference.abs() > 0.005 + rolled_deg {
+                regrouped += 1;
+            } else if late_us.abs() < 500 {
                 punctual += 1;
                 squares += difference * difference;
             }
@@ -128,9 +131,9 @@ fn compare(board: &Path, in_process: &Path, offset_us: i64) {
     }
     let rms = (squares / f64::from(punctual.max(1))).sqrt();
     println!(
-        "{compared} slopes; {punctual} of telegrams on time, {rms:.5} degrees RMS from those in process; {latest_us} us late at worst"
+        "{compared} slopes; {punctual} of telegrams on time, {rms:.5} degrees RMS from those in process; {regrouped} on other returns; {latest_us} us late at worst"
     );
     assert!(regrouped * 50 <= compared, "{regrouped} of {compared} slopes differ by more than the roll");
-    assert!(punctual < 50 || rms < 0.01, "{rms} degrees RMS of telegrams on time");
+    assert!(punctual < 50 || rms < 0.005, "{rms} degrees RMS of telegrams on time");
     assert!(compared as usize * 100 >= in_process.len() * 2 * 98, "{compared} of {} slopes", in_process.len() * 2);
 }

@@ -1,7 +1,8 @@
 //! The receiver's logs: exact conversion against f64, fields that cannot be true, headers of other lengths.
 
+use crossfall_core::clock::WEEK_US;
 use crossfall_core::protocol::{Angle, DeviceTime};
-use crossfall_core::sensors::novatel::{Decoder, Event, Log, Number, Quality, WEEK_US, crc32, id};
+use crossfall_core::sensors::novatel::{Decoder, Event, Log, Number, Quality, crc32, id};
 use proptest::prelude::*;
 
 /// A frame with a short header.

@@ -12,9 +12,7 @@
 
 use super::ground::Residual;
 use super::statistics::{deviation, scans_in};
-
-/// What a unit's roll is off by, in degrees, one sigma: SPAN's published accuracy.
-const UNIT_ROLL_DEG: f64 = 0.017;
+use crate::intervals::ROLL_SD_DEG;
 
 /// Length of the means that the filter is given, in seconds.
 const BLOCK_S: f64 = 0.5;
@@ -53,7 +51,7 @@ pub fn mean(points: &[Residual]) -> Mean {
     if blocks.len() < 2 {
         let all = points.len().max(1) as f64;
         let mean_deg = points.iter().map(|point| point.slope_deg).sum::<f64>() / all;
-        let se_deg = deviation(points.iter().map(|point| point.slope_deg)).hypot(UNIT_ROLL_DEG);
+        let se_deg = deviation(points.iter().map(|point| point.slope_deg)).hypot(ROLL_SD_DEG);
         return Mean { mean_deg, se_deg };
     }
     // Noise of a block; a ten-thousandth of a degree for what the model leaves out keeps perfect data from being infinitely sure.
@@ -67,7 +65,7 @@ fn averaged(blocks: &[(f64, f64)], noise: f64) -> Mean {
     let count = blocks.len() as f64;
     let middle = blocks.iter().map(|(_, value)| value).sum::<f64>() / count;
     let moved = blocks.iter().map(|(_, value)| (value - middle).powi(2)).sum::<f64>() / count - noise;
-    let variance = moved.max(UNIT_ROLL_DEG * UNIT_ROLL_DEG);
+    let variance = moved.max(ROLL_SD_DEG * ROLL_SD_DEG);
     let tried: Vec<Filtered> = (0..MEMORIES).map(|m| filtered(blocks, noise, variance, MEMORY_RATIO.powi(m))).collect();
     let most = tried.iter().map(|found| found.log_likelihood).fold(f64::NEG_INFINITY, f64::max);
     let weigh = |found: &Filtered| (found.log_likelihood - most).exp();
@@ -127,7 +125,7 @@ mod tests {
         let (mut squares, mut normalized, mut claimed) = (0.0, 0.0, 0.0);
         let records = 200;
         for seed in 0..records {
-            let found = averaged(&record(seed, seconds, memory_s, UNIT_ROLL_DEG), 0.003_f64.powi(2));
+            let found = averaged(&record(seed, seconds, memory_s, ROLL_SD_DEG), 0.003_f64.powi(2));
             squares += found.mean_deg.powi(2);
             normalized += (found.mean_deg / found.se_deg).powi(2);
             claimed += found.se_deg.powi(2);
@@ -142,7 +140,7 @@ mod tests {
             [(60.0, 3.0), (60.0, 30.0), (60.0, 300.0), (60.0, 1e7), (600.0, 30.0), (600.0, 300.0)]
         {
             let (error, normalized, claimed) = judged(seconds, memory_s);
-            let bound = UNIT_ROLL_DEG * (2.0 / (2.0 + seconds / memory_s)).sqrt();
+            let bound = ROLL_SD_DEG * (2.0 / (2.0 + seconds / memory_s)).sqrt();
             println!(
                 "{seconds} s, memory {memory_s} s: error {error:.4}, claimed {claimed:.4}, bound {bound:.4}, ratio {normalized:.2}"
             );

@@ -138,9 +138,6 @@ pub enum Error {
     /// No log has a position.
     #[error("no log has a position: there is no place for the points")]
     Nowhere,
-    /// The user asked to stop.
-    #[error("interrupted")]
-    Interrupted,
 }
 
 /// What was made.
@@ -183,7 +180,7 @@ pub fn write(logs: &[PathBuf], format: Format, to: &Path, mut progress: impl FnM
             if steps.is_multiple_of(512) {
                 progress(number, offset);
                 if interrupt::requested() {
-                    return Err(Error::Interrupted);
+                    return Err(container::Error::Interrupted.into());
                 }
             }
             let Some(place) = step.position.geodetic else {

@@ -6,8 +6,8 @@ use crossfall_core::protocol::message::Message;
 
 use super::{Class, Error, Room};
 use crate::geodesy::Utm;
-use crate::interrupt;
 use crate::walk::Walk;
+use crate::{container, interrupt};
 
 /// Metres forward, to the left and up from the scanner's first place on the stretch, forward being its heading there.
 pub type Local = [f64; 3];
@@ -50,7 +50,7 @@ impl Stretch {
             track.at(profile.time).station_m.is_some_and(|station| (from_m..to_m).contains(&station))
         }) {
             if interrupt::requested() {
-                return Err(Error::Interrupted);
+                return Err(container::Error::Interrupted.into());
             }
             let Some(((place, turn), station_m)) =
                 step.position.geodetic.zip(step.position.turn).zip(step.position.station_m)

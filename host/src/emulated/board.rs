@@ -30,6 +30,9 @@ const CAPTURED: u8 = 0xa5;
 /// while the host is busy elsewhere, so that a loaded machine makes a test slower but loses no byte.
 const TIME: [&str; 2] = ["-icount", "shift=3"];
 
+/// The last of the ports, for the board's bench wire.
+const BENCH_PORT: usize = 6;
+
 /// Waits shorter than this are slept.
 const TICK: Duration = Duration::from_millis(10);
 
@@ -97,7 +100,7 @@ impl Emulator {
     /// # Errors
     /// As [`Emulator::start`].
     pub(super) fn boot(image: &Path, options: &Options) -> io::Result<(Self, TcpStream)> {
-        let listeners = [(); 6].map(|()| TcpListener::bind("127.0.0.1:0"));
+        let listeners = [(); 7].map(|()| TcpListener::bind("127.0.0.1:0"));
         let mut ports = Vec::new();
         for listener in &listeners {
             let listener = listener.as_ref().map_err(|error| io::Error::new(error.kind(), error.to_string()))?;
@@ -111,11 +114,12 @@ impl Emulator {
         };
         let mut command = watched();
         command.args(["-M", "olimex-stm32-h405", "-display", "none", "-no-user-config"]);
-        // USART1 is QEMU's first serial line and the last of the ports.
-        for &port in ports.iter().skip(5).chain(ports.iter().take(4)) {
+        // USART1 is QEMU's first serial line.
+        for port in [ports[BENCH_PORT], ports[0], ports[1], ports[2], ports[3]] {
             command.arg("-serial").arg(client(port));
         }
-        command.arg("-monitor").arg(client(ports[4])).arg("-kernel").arg(image);
+        command.arg("-monitor").arg(client(ports[4])).arg("-qtest").arg(client(ports[5])).args(["-qtest-log", "none"]);
+        command.arg("-kernel").arg(image);
         if options.arguments.is_empty() {
             command.args(TIME);
         }
@@ -133,7 +137,7 @@ impl Emulator {
         let mut next = streams.into_iter();
         let mut stream = move || next.next().ok_or_else(|| io::Error::other("a connection is missing"));
         let (link, lidar, ins, pulse, monitor) = (stream()?, stream()?, stream()?, stream()?, stream()?);
-        let bench = stream()?;
+        let (tests, bench) = (stream()?, stream()?);
         bench.set_nonblocking(true)?;
         let board = Self {
             commands: link.try_clone()?,
@@ -143,7 +147,7 @@ impl Emulator {
             pulse,
             bench,
             sequencer: Sequencer::new(),
-            monitor: Monitor::open(monitor)?,
+            monitor: Monitor::open(monitor, tests)?,
             child: guard.release(),
         };
         Ok((board, link))
@@ -172,7 +176,7 @@ impl Emulator {
     /// # Errors
     /// When QEMU has gone or the byte does not arrive.
     pub fn pulse_exactly(&mut self) -> io::Result<u32> {
-        self.monitor.ask("stop")?;
+        self.monitor.halt()?;
         let counter = self.monitor.counter()?;
         self.pulse()?;
         let deadline = Instant::now() + START_LIMIT;
@@ -181,7 +185,7 @@ impl Emulator {
                 return Err(io::Error::new(io::ErrorKind::TimedOut, "the pulse does not arrive"));
             }
         }
-        self.monitor.ask("cont")?;
+        self.monitor.go_on()?;
         Ok(counter)
     }
 

@@ -1,14 +1,18 @@
-//! QEMU's human monitor: looks into the machine without disturbing it.
+//! Looks into the machine without disturbing it, and holds it.
+//!
+//! Words are read by QEMU's test protocol (its `-qtest`), which takes a line at a time. The human monitor takes a character at a time and draws
+//! each, in the same loop that carries the sensors' bytes: a look cost as much there as twenty of these. It only halts the machine and lets it go.
 
 use std::io::{self, Read, Write};
 use std::net::TcpStream;
 use std::time::Duration;
 
-/// Ends every answer.
+/// Ends every answer of the human monitor, and of the test protocol.
 const PROMPT: &[u8] = b"(qemu) ";
+const LINE: &[u8] = b"\n";
 
-/// What cortex-m-rt paints the stack with.
-const STACK_PAINT: &str = "0xcccccccc";
+/// What cortex-m-rt paints the stack with, as hexadecimal digits.
+const STACK_PAINT: &[u8] = b"cccccccc";
 
 /// Bus clock of the UARTs, by which the board computes its dividers.
 const UART_BUS_HZ: u32 = 42_000_000;
@@ -24,50 +28,74 @@ const INS_DIVIDER: u32 = 0x4000_4c08;
 const PULSE_STATUS: u32 = 0x4000_5000;
 const UNREAD: u32 = 1 << 5;
 
-/// The monitor of a running machine.
+/// The view into a running machine.
 #[derive(Debug)]
 pub struct Monitor {
-    stream: TcpStream,
+    human: TcpStream,
+    tests: TcpStream,
 }
 
 impl Monitor {
-    pub(super) fn open(stream: TcpStream) -> io::Result<Self> {
-        stream.set_read_timeout(Some(Duration::from_secs(5)))?;
-        let mut monitor = Self { stream };
-        monitor.answer()?;
+    pub(super) fn open(human: TcpStream, tests: TcpStream) -> io::Result<Self> {
+        human.set_read_timeout(Some(Duration::from_secs(5)))?;
+        tests.set_read_timeout(Some(Duration::from_secs(5)))?;
+        let mut monitor = Self { human, tests };
+        answer(&mut monitor.human, PROMPT)?;
         Ok(monitor)
     }
 
-    /// Gives one command and returns its answer, echo included.
+    /// Halts the machine and its clock.
     ///
     /// # Errors
     /// When QEMU has gone or stays silent for five seconds.
-    pub fn ask(&mut self, command: &str) -> io::Result<String> {
-        writeln!(self.stream, "{command}")?;
-        self.answer()
+    pub(super) fn halt(&mut self) -> io::Result<()> {
+        self.ask("stop")
+    }
+
+    /// Lets a halted machine go on.
+    ///
+    /// # Errors
+    /// As [`Monitor::halt`].
+    pub(super) fn go_on(&mut self) -> io::Result<()> {
+        self.ask("cont")
+    }
+
+    fn ask(&mut self, command: &str) -> io::Result<()> {
+        writeln!(self.human, "{command}")?;
+        answer(&mut self.human, PROMPT).map(drop)
+    }
+
+    /// What the test protocol answers to a command, in hexadecimal digits.
+    fn look(&mut self, command: &str) -> io::Result<String> {
+        // In one piece: QEMU answers whole lines.
+        self.tests.write_all(format!("{command}\n").as_bytes())?;
+        let answer = answer(&mut self.tests, LINE)?;
+        match answer.trim().strip_prefix("OK 0x") {
+            Some(digits) => Ok(digits.to_owned()),
+            None => Err(io::Error::other(format!("QEMU answered {command:?} with {answer:?}"))),
+        }
     }
 
     /// One word of the machine's memory or registers.
     ///
     /// # Errors
-    /// As [`Monitor::ask`], and when the answer holds no word.
+    /// As [`Monitor::halt`], and when the answer holds no word.
     pub fn word(&mut self, address: u32) -> io::Result<u32> {
-        let answer = self.ask(&format!("xp /1wx {address:#x}"))?;
-        let word = answer.lines().rev().find_map(|line| line.split_once(": 0x"));
-        word.and_then(|(_, digits)| u32::from_str_radix(digits.trim(), 16).ok())
-            .ok_or_else(|| io::Error::other(format!("no word at {address:#x}: {answer:?}")))
+        let digits = self.look(&format!("readl {address:#x}"))?;
+        u64::from_str_radix(&digits, 16)
+            .ok()
+            .and_then(|word| u32::try_from(word).ok())
+            .ok_or_else(|| io::Error::other(format!("no word at {address:#x}: {digits:?}")))
     }
 
     /// Bytes of a painted stack that have ever been used.
     ///
     /// # Errors
-    /// As [`Monitor::ask`].
+    /// As [`Monitor::word`].
     pub(super) fn stack_used(&mut self, end: u32, size: u32) -> io::Result<u32> {
-        let answer = self.ask(&format!("xp /{}wx {end:#x}", size / 4))?;
-        let words =
-            answer.lines().filter_map(|line| line.split_once(": ")).flat_map(|(_, words)| words.split_whitespace());
-        let untouched = words.take_while(|&word| word == STACK_PAINT).count() as u32;
-        Ok(size - 4 * untouched)
+        let digits = self.look(&format!("read {end:#x} {size:#x}"))?;
+        let untouched = digits.as_bytes().chunks(STACK_PAINT.len()).take_while(|&word| word == STACK_PAINT).count();
+        Ok(size.saturating_sub(4 * untouched as u32))
     }
 
     /// The board's microsecond counter, which wraps.
@@ -103,16 +131,17 @@ impl Monitor {
     fn baud(&mut self, register: u32) -> io::Result<u32> {
         Ok(UART_BUS_HZ / self.word(register)?.max(1))
     }
+}
 
-    fn answer(&mut self) -> io::Result<String> {
-        let mut text = Vec::new();
-        let mut chunk = [0; 1024];
-        while !text.ends_with(PROMPT) {
-            match self.stream.read(&mut chunk)? {
-                0 => return Err(io::ErrorKind::UnexpectedEof.into()),
-                count => text.extend_from_slice(&chunk[..count]),
-            }
+/// Reads up to what ends an answer.
+fn answer(stream: &mut TcpStream, end: &[u8]) -> io::Result<String> {
+    let mut text = Vec::new();
+    let mut chunk = [0; 4096];
+    while !text.ends_with(end) {
+        match stream.read(&mut chunk)? {
+            0 => return Err(io::ErrorKind::UnexpectedEof.into()),
+            count => text.extend_from_slice(&chunk[..count]),
         }
-        Ok(String::from_utf8_lossy(&text).into_owned())
     }
+    Ok(String::from_utf8_lossy(&text).into_owned())
 }

@@ -11,11 +11,13 @@ use crossfall_core::protocol::frame::{Event as Received, Gap, HostDecoder, Seque
 use crossfall_core::protocol::message::{ClockState, Command, Hello, Marker, Message, Outcome, Reply, Session};
 use crossfall_core::protocol::{Config, DeviceTime, schema};
 use crossfall_core::scan::RawScan;
+use crossfall_core::sensors::{Scanner, cola, lms2xx};
 
 use crate::capture::{self, Chunk};
 use crate::container::Error;
 use crate::log;
 use crate::run::{Wires, identity};
+use crate::scanner::{self, Family};
 
 /// How much is played before the instant wound to, so that clock and attitude have settled: in nanoseconds.
 const LEAD_NS: u64 = 4_000_000_000;
@@ -31,8 +33,10 @@ pub enum Shown<'a> {
 
 /// A capture or a log.
 pub enum Film {
-    /// Sensor bytes.
-    Capture(Box<CaptureFilm>),
+    /// Sensor bytes with an LMS 2xx.
+    Capture(Box<CaptureFilm<lms2xx::Decoder>>),
+    /// Sensor bytes with a scanner that speaks CoLa B.
+    ColaCapture(Box<CaptureFilm<cola::Decoder>>),
     /// Frames of a board.
     Log(Box<LogFilm>),
 }
@@ -43,8 +47,21 @@ impl Film {
     /// # Errors
     /// When the file cannot be read or is neither.
     pub fn open(path: &Path, config: Option<Config>) -> Result<Self, Error> {
-        match CaptureFilm::open(path, config.unwrap_or_default()) {
-            Ok(film) => Ok(Self::Capture(Box::new(film))),
+        let capture = |family| {
+            let config = config.unwrap_or_default();
+            Ok(match family {
+                Family::Lms2xx => {
+                    let scanner = |config: &Config| lms2xx::Decoder::new(config.scanner.measuring_mode);
+                    Self::Capture(Box::new(CaptureFilm::open(path, config, family, scanner)?))
+                }
+                Family::Cola => {
+                    let scanner = |_: &Config| cola::Decoder::default();
+                    Self::ColaCapture(Box::new(CaptureFilm::open(path, config, family, scanner)?))
+                }
+            })
+        };
+        match capture::Reader::open(path).and_then(|reader| capture(scanner::of_chunks(reader).0)) {
+            Ok(film) => Ok(film),
             Err(Error::Content { .. }) => match LogFilm::open(path, config) {
                 Ok(film) => Ok(Self::Log(Box::new(film))),
                 Err(Error::Content { path, .. }) => {
@@ -62,6 +79,7 @@ impl Film {
     pub fn span_ns(&self) -> (u64, u64) {
         match self {
             Self::Capture(film) => film.span_ns,
+            Self::ColaCapture(film) => film.span_ns,
             Self::Log(film) => film.span_ns,
         }
     }
@@ -70,6 +88,7 @@ impl Film {
     pub fn play(&mut self, until_ns: u64, out: &mut impl FnMut(Shown<'_>)) -> bool {
         match self {
             Self::Capture(film) => film.play(until_ns, out),
+            Self::ColaCapture(film) => film.play(until_ns, out),
             Self::Log(film) => film.play(until_ns, out),
         }
     }
@@ -81,6 +100,7 @@ impl Film {
     pub fn wind(&mut self, to_ns: u64, out: &mut impl FnMut(Shown<'_>)) -> Result<(), Error> {
         match self {
             Self::Capture(film) => film.wind(to_ns, out),
+            Self::ColaCapture(film) => film.wind(to_ns, out),
             Self::Log(film) => film.wind(to_ns, out),
         }
     }
@@ -92,39 +112,41 @@ impl Film {
             return out(Shown::Event(Event::Message(Message::Reply(reply))));
         }
         match self {
-            Self::Capture(film) => {
-                let now = DeviceTime(film.now_ns / 1_000);
-                film.instrument.command(sequence, command, now, &mut |event| out(Shown::Event(event)));
-            }
+            Self::Capture(film) => film.command(sequence, command, out),
+            Self::ColaCapture(film) => film.command(sequence, command, out),
             Self::Log(film) => film.command(sequence, command, out),
         }
     }
 }
 
 /// Sensor bytes through the instrument.
-pub struct CaptureFilm {
+pub struct CaptureFilm<S> {
     path: PathBuf,
+    family: Family,
+    scanner: fn(&Config) -> S,
     span_ns: (u64, u64),
     reader: capture::Reader,
     next: Option<Chunk>,
-    instrument: Box<Instrument>,
+    instrument: Box<Instrument<S>>,
     wires: Wires,
     now_ns: u64,
     begun: bool,
     ended: bool,
 }
 
-impl CaptureFilm {
-    fn open(path: &Path, config: Config) -> Result<Self, Error> {
+impl<S: Scanner> CaptureFilm<S> {
+    fn open(path: &Path, config: Config, family: Family, scanner: fn(&Config) -> S) -> Result<Self, Error> {
         let reader = capture::Reader::open(path)?;
         let span_ns = reader.span_ns().unwrap_or_default();
         Ok(Self {
             path: path.to_path_buf(),
+            family,
+            scanner,
             span_ns,
             reader,
             next: None,
-            instrument: Box::new(Instrument::new(config, identity())),
-            wires: Wires::new(&config),
+            instrument: Box::new(Instrument::with_scanner(scanner(&config), config, identity())),
+            wires: Wires::new(&config, family),
             now_ns: span_ns.0,
             begun: false,
             ended: false,
@@ -164,13 +186,18 @@ impl CaptureFilm {
 
     fn wind(&mut self, to_ns: u64, out: &mut impl FnMut(Shown<'_>)) -> Result<(), Error> {
         let config = *self.instrument.decode().config();
-        let wound = Self::open(&self.path, config)?;
+        let wound = Self::open(&self.path, config, self.family, self.scanner)?;
         *self = wound;
         let from_ns = to_ns.saturating_sub(LEAD_NS).max(self.span_ns.0);
         self.next = self.reader.by_ref().flatten().find(|chunk| chunk.device_time_ns >= from_ns);
         self.now_ns = from_ns;
         self.play(to_ns, out);
         Ok(())
+    }
+
+    fn command(&mut self, sequence: u16, command: &Command, out: &mut impl FnMut(Shown<'_>)) {
+        let now = DeviceTime(self.now_ns / 1_000);
+        self.instrument.command(sequence, command, now, &mut |event| out(Shown::Event(event)));
     }
 }
 

@@ -4,7 +4,6 @@
 //! viewer no more than a drive.
 
 use std::collections::VecDeque;
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -509,13 +508,6 @@ fn mean(values: impl Iterator<Item = f32>) -> f32 {
 }
 
 /// Bytes that may still be written to a folder.
-#[cfg(unix)]
 fn free_bytes(folder: &str) -> Option<u64> {
-    let found = rustix::fs::statvfs(PathBuf::from(folder).as_path()).ok()?;
-    Some(found.f_bavail.saturating_mul(found.f_frsize))
-}
-
-#[cfg(not(unix))]
-fn free_bytes(_: &str) -> Option<u64> {
-    None
+    fs4::available_space(folder).ok()
 }

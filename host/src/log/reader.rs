@@ -328,10 +328,21 @@ impl Reader {
         }
     }
 
+    /// Keeps messages for whoever reads. A time that its record does not say twice is not taken for later than the next one that is certain, nor for
+    /// earlier than the one before: a damaged head must not make time go back.
     fn keep(&mut self, messages: Vec<Message>) {
+        let is_certain = |message: &Message| message.log_time == message.publish_time;
+        let mut next_ns = u64::MAX;
+        let mut bounds = Vec::with_capacity(messages.len());
+        for message in messages.iter().rev() {
+            next_ns = if is_certain(message) { message.log_time } else { next_ns };
+            bounds.push(next_ns);
+        }
         for mut message in messages {
-            if message.log_time != message.publish_time {
-                message.log_time = salvage::choose(message.log_time, message.publish_time, self.latest_ns);
+            let bound_ns = bounds.pop().unwrap_or(u64::MAX);
+            if !is_certain(&message) {
+                let best = salvage::choose(message.log_time, message.publish_time, self.latest_ns);
+                message.log_time = best.max(self.latest_ns).min(bound_ns);
             }
             self.latest_ns = message.log_time;
             self.ready.push_back(Ok(message));

@@ -23,7 +23,11 @@ pub const LONGEST: usize = MAX_MESSAGE_FRAME + HEAD;
 /// A receive time that differs from the one before by more is not believed: one day.
 const PLAUSIBLE_NS: u64 = 86_400_000_000_000;
 
-/// Every good frame in `bytes`, which begin at `base` in the file. `near_ns` is the receive time of the frame before.
+/// Publish time of a message whose log time is the best guess and not what its record says.
+pub const DOUBTFUL: u64 = u64::MAX;
+
+/// Every good frame in `bytes`, which begin at `base` in the file. `near_ns` is the receive time of the frame before. A frame whose head does not
+/// prove its time has [`DOUBTFUL`] beside it.
 pub fn frames(bytes: &[u8], base: u64, near_ns: u64) -> Vec<Message> {
     let mut found = Vec::new();
     let mut near_ns = near_ns;
@@ -36,13 +40,13 @@ pub fn frames(bytes: &[u8], base: u64, near_ns: u64) -> Vec<Message> {
         let first = start.max(end.saturating_sub(LONGEST));
         let place = (first..=last.min(first + HEAD)).find(|&place| is_frame(&bytes[place..end]));
         if let Some(place) = place.filter(|_| length >= SHORTEST - 1) {
-            let time = receive_time(bytes, place, end - place, near_ns);
+            let (time, proved) = receive_time(bytes, place, end - place, near_ns);
             near_ns = time;
             found.push(Message {
                 offset: base + place.saturating_sub(HEAD) as u64,
                 channel: WIRE_ID,
                 log_time: time,
-                publish_time: time,
+                publish_time: if proved { time } else { DOUBTFUL },
                 data: bytes[place..end].to_vec(),
             });
         }
@@ -62,17 +66,17 @@ pub fn choose(a: u64, b: u64, near_ns: u64) -> u64 {
     if near_ns == 0 || a.abs_diff(near_ns) <= b.abs_diff(near_ns) { a } else { b }
 }
 
-/// The receive time in the head before a frame at `place`; without one, that of the frame before.
-fn receive_time(bytes: &[u8], place: usize, length: usize, near_ns: u64) -> u64 {
-    let Some(head) = place.checked_sub(HEAD).and_then(|from| bytes.get(from..place)) else { return near_ns };
+/// The receive time in the head before a frame at `place`, and whether the head proves it; without one, that of the frame before.
+fn receive_time(bytes: &[u8], place: usize, length: usize, near_ns: u64) -> (u64, bool) {
+    let Some(head) = place.checked_sub(HEAD).and_then(|from| bytes.get(from..place)) else { return (near_ns, false) };
     let long = |at: usize| head.get(at..).and_then(<[u8]>::first_chunk).map_or(0, |bytes| u64::from_le_bytes(*bytes));
     let (log, publish) = (long(15), long(23));
     let whole = head.first() == Some(&mcap::records::op::MESSAGE) && long(1) == 22 + length as u64;
     if whole && log == publish {
-        return log;
+        return (log, true);
     }
     let best = choose(log, publish, near_ns);
-    if near_ns == 0 || best.abs_diff(near_ns) < PLAUSIBLE_NS { best } else { near_ns }
+    (if near_ns == 0 || best.abs_diff(near_ns) < PLAUSIBLE_NS { best } else { near_ns }, false)
 }
 
 #[cfg(test)]

@@ -19,12 +19,19 @@ pub struct Axis<'a> {
     pub name: &'a str,
     /// Digits behind the point.
     pub digits: usize,
+    /// Whether it is the vehicle's y, which runs from right to left on the paper: labels have the other sign, and always one.
+    pub across: bool,
 }
 
 impl<'a> Axis<'a> {
     /// An axis.
     pub fn new(range: (f64, f64), name: &'a str, digits: usize) -> Self {
-        Self { range, name, digits }
+        Self { range, name, digits, across: false }
+    }
+
+    /// The vehicle's y, seen from behind, from so many metres on the left to as many on the right.
+    pub fn across(reach: f64, name: &'a str, digits: usize) -> Self {
+        Self { range: (-reach, reach), name, digits, across: true }
     }
 }
 
@@ -131,7 +138,12 @@ where
         .y_label_area_size(72)
         .build_cartesian_2d(x.range.0..x.range.1, y.range.0..y.range.1)?;
     let (x_digits, y_digits) = (x.digits, y.digits);
-    let x_label = |value: &f64| if x.name.is_empty() { String::new() } else { number(*value, x_digits) };
+    let x_label = |value: &f64| match (x.name, x.across) {
+        ("", _) => String::new(),
+        (_, false) => number(*value, x_digits),
+        (_, true) if value.abs() < 1e-9 => "0".to_owned(),
+        (_, true) => signed(-value, x_digits),
+    };
     let y_label = |value: &f64| number(*value, y_digits);
     let mut mesh = chart.configure_mesh();
     mesh.light_line_style(colours.ground)

@@ -7,7 +7,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 
 use super::{Error, Palette, Theme, text};
-use crate::intervals::{Estimate, Samples};
+use crate::intervals::{Estimate, Sample, Samples};
 
 const SIZE: (u32, u32) = (1200, 900);
 
@@ -168,7 +168,7 @@ fn gather(measured: &[(f64, f64, f64)], from: f64, width: f64) -> Vec<(f64, Esti
         .chunk_by(|a, b| number(a.0) == number(b.0))
         .filter_map(|place| {
             let mut samples = Samples::default();
-            place.iter().for_each(|&(_, slope, half)| samples.push((slope, half / 1.96)));
+            place.iter().for_each(|&(at, slope, half)| samples.push(Sample::new(slope, half, at)));
             let middle = place.iter().map(|one| one.0).sum::<f64>() / place.len() as f64;
             Some((middle, samples.estimate()?))
         })

@@ -54,8 +54,8 @@ where
         let middle = places.iter().map(|(_, z)| z).sum::<f64>() / places.len().max(1) as f64;
         let range = span(places.iter().map(|(_, z)| (z - middle) * 1e3), 20.0, 0.06);
         let last = i + 1 == panels.len();
-        let x =
-            Axis::new((-3.0, 3.0), if last { "metres to the left (\u{2212}) and right of the sensor" } else { "" }, 1);
+        let name = if last { "metres to the left (+) and right (\u{2212}) of the sensor" } else { "" };
+        let x = Axis::across(3.0, name, 0);
         let y = Axis::new(range, "height, mm", 0);
         let mut chart = axes(&panel.margin(26, 0, 0, 0), &colours, &x, &y)?;
         // Seen from behind: the vehicle's left is on the left.

@@ -68,8 +68,14 @@ pub fn runs(runs: &[(String, Section)], title: &str, theme: Theme) -> Result<Str
     area.fill(&colours.ground)?;
     area.draw(&Text::new(title.to_owned(), (24, 18), text(24, colours.text)))?;
     let mut x = 34;
-    for ((name, _), colour) in runs.iter().zip(colours.several()) {
-        area.draw(&Circle::new((x, 62), 4, colour.filled()))?;
+    // The first as dots, those after it as rings around them: runs that agree do not hide each other.
+    let mark = |run: usize, colour: RGBColor| match run {
+        0 => (2, colour.filled()),
+        _ => (2 + 2 * run as i32, colour.stroke_width(1)),
+    };
+    for (run, ((name, _), colour)) in runs.iter().zip(colours.several()).enumerate() {
+        let (size, style) = mark(run, colour);
+        area.draw(&Circle::new((x, 62), size.max(4), style))?;
         area.draw(&Text::new(name.clone(), (x + 12, 56), text(16, colours.text)))?;
         x += 44 + 9 * name.chars().count() as i32;
     }
@@ -82,9 +88,10 @@ pub fn runs(runs: &[(String, Section)], title: &str, theme: Theme) -> Result<Str
     let mut chart = across_road(&plot, &colours, reach, (low, high), "metres above the road", &|z| {
         if z.abs() < 1e-9 { "0".to_owned() } else { signed(*z, 1) }
     })?;
-    for (places, colour) in lowered.iter().zip(colours.several()) {
+    for (run, (places, colour)) in lowered.iter().zip(colours.several()).enumerate() {
         let inside = places.iter().filter(|place| place.0.abs() <= reach);
-        chart.draw_series(inside.map(|&(y, z)| Circle::new((-y, z), 2, colour.filled())))?;
+        let (size, style) = mark(run, colour);
+        chart.draw_series(inside.map(|&(y, z)| Circle::new((-y, z), size, style)))?;
     }
     area.present()?;
     drop((area, plot, chart));
@@ -127,9 +134,10 @@ pub fn errors(kinds: &[(String, Vec<f64>)], title: &str, theme: Theme) -> Result
         let tallest = f64::from(bars.iter().copied().max().unwrap_or_default().max(1));
         let mut chart = ChartBuilder::on(panel)
             .margin(8)
+            .margin_top(38)
             .x_label_area_size(44)
             .y_label_area_size(56)
-            .build_cartesian_2d(-reach..reach, 0.0..tallest * 1.3)?;
+            .build_cartesian_2d(-reach..reach, 0.0..tallest * 1.08)?;
         chart
             .configure_mesh()
             .light_line_style(colours.ground)
@@ -150,7 +158,7 @@ pub fn errors(kinds: &[(String, Vec<f64>)], title: &str, theme: Theme) -> Result
             Rectangle::new([(from, 0.0), (from + width * 0.92, f64::from(*n))], colours.points.filled())
         }))?;
         let told = format!("{name}: RMS {rms:.3}\u{b0}, mean {}\u{b0}", signed(mean, 3));
-        panel.draw(&Text::new(told, (76, 14), text(16, colours.text)))?;
+        panel.draw(&Text::new(told, (66, 12), text(16, colours.text)))?;
     }
     area.present()?;
     drop((area, panels));

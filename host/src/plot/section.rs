@@ -66,20 +66,55 @@ fn draw(area: &DrawingArea<SVGBackend<'_>, Shift>, section: &Section, title: &st
         chart.draw_series([Text::new(label, top, text(16, colour).pos(anchor))])?;
     }
     // Nearer to the outer ends of both slopes than to the ditch between them, so that labels keep apart.
+    let mut labels: Vec<Label> = Vec::new();
+    let letter = (2.0 * reach * 9.8 / f64::from(SIZE.0 - 110), span * 22.0 / f64::from(SIZE.1 - 190));
     for (list, colour, part) in [(&lines[1], colours.adjacent, 0.35), (&lines[2], colours.opposing, 0.65)] {
         for line in list {
             let (from, to) = (flip(line.inner), flip(line.outer));
             let rises_right = (to.1 - from.1) * (to.0 - from.0) > 0.0;
             let above = raw_below(line, &section.raw);
-            let (shift, align) = if rises_right == above { (-0.012, HPos::Right) } else { (0.012, HPos::Left) };
-            let lift = if above { 0.01 } else { -0.01 };
+            let to_left = rises_right == above;
             let along = |a: f64, b: f64| a + (b - a) * part;
-            let middle = (along(from.0, to.0) + 2.0 * reach * shift, along(from.1, to.1) + span * lift);
-            let anchor = Pos::new(align, if above { VPos::Bottom } else { VPos::Top });
-            chart.draw_series([Text::new(line.label.clone(), middle, text(18, colour).pos(anchor))])?;
+            let place = (
+                along(from.0, to.0) + 2.0 * reach * if to_left { -0.012 } else { 0.012 },
+                along(from.1, to.1) + span * if above { 0.01 } else { -0.01 },
+            );
+            let (width, height) = (letter.0 * line.label.chars().count() as f64, letter.1);
+            let mut label = Label {
+                left: if to_left { place.0 - width } else { place.0 },
+                bottom: if above { place.1 } else { place.1 - height },
+                width,
+                height,
+            };
+            // Clear of the labels that are there, away from its own line.
+            for _ in 0..labels.len() {
+                let Some(other) = labels.iter().find(|other| label.hides(other)) else { break };
+                label.bottom = if above { other.bottom + other.height } else { other.bottom - height };
+            }
+            let at = (place.0, if above { label.bottom } else { label.bottom + height });
+            labels.push(label);
+            let horizontal = if to_left { HPos::Right } else { HPos::Left };
+            let anchor = Pos::new(horizontal, if above { VPos::Bottom } else { VPos::Top });
+            chart.draw_series([Text::new(line.label.clone(), at, text(18, colour).pos(anchor))])?;
         }
     }
     Ok(())
+}
+
+/// Where a label is, in metres of the picture.
+struct Label {
+    left: f64,
+    bottom: f64,
+    width: f64,
+    height: f64,
+}
+
+impl Label {
+    fn hides(&self, other: &Self) -> bool {
+        let beside = |at: f64, size: f64, from: f64, length: f64| at + size <= from || from + length <= at;
+        !beside(self.left, self.width, other.left, other.width)
+            && !beside(self.bottom, self.height * 0.999, other.bottom, other.height * 0.999)
+    }
 }
 
 /// What the marks mean, in a row above the picture.

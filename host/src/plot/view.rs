@@ -13,7 +13,7 @@ use crate::cloud::{Class, Stretch};
 const SIZE: (f64, f64) = (1200.0, 760.0);
 
 /// Returns beyond this many are thinned out.
-const MOST_RETURNS: usize = 24_000;
+const MOST_RETURNS: usize = 30_000;
 
 /// Bands of depth that are drawn one over the other.
 const BANDS: usize = 16;
@@ -36,10 +36,12 @@ const MIDDLE_Y: f64 = 360.0;
 pub fn view(stretch: &Stretch, title: &str, theme: Theme) -> String {
     let colours = theme.palette();
     let camera = Camera::new(EYE, TARGET);
-    let seen: Vec<(f64, f64, f64, Class)> = thinned(&stretch.returns, MOST_RETURNS)
+    let returns = stretch.returns.iter();
+    let within: Vec<(f64, f64, f64, Class)> = returns
         .filter_map(|(place, class)| camera.see(*place).map(|[x, y, depth]| (x, y, depth, *class)))
         .filter(|(x, y, ..)| (4.0..SIZE.0 - 4.0).contains(x) && (112.0..SIZE.1 - 4.0).contains(y))
         .collect();
+    let seen: Vec<_> = thinned(&within, MOST_RETURNS).copied().collect();
     let mut svg = String::new();
     let (width, height) = SIZE;
     let _ = write!(
@@ -71,7 +73,7 @@ fn points(svg: &mut String, seen: &[(f64, f64, f64, Class)], colours: &Palette, 
         for class in Class::ALL {
             let here = || seen.iter().filter(|point| point.3 == class && band(point.2) == at);
             let Some(depth) = here().map(|point| point.2).reduce(f64::min) else { continue };
-            let size = (FOCAL * 0.035 / depth).clamp(1.1, 4.0);
+            let size = (FOCAL * 0.05 / depth).clamp(1.2, 5.0);
             let colour = hex(of_class(class, colours, theme));
             let _ = write!(
                 svg,

@@ -115,6 +115,34 @@ fn a_hole_in_the_file_is_told_by_its_bytes_frames_and_seconds() {
     assert_eq!(kept, [&sent[..100], &sent[160..]].concat());
 }
 
+/// Whatever bits of a record's times are hit, the frame's time lies between its neighbours': `verify` would call anything else damage.
+#[test]
+fn a_frame_whose_time_is_hit_is_not_later_than_the_next() {
+    let folder = Folder::new();
+    let sent = frames(60);
+    let path = folder.path("a.mcap");
+    write(&path, &sent);
+    let whole = fs::read(&path).unwrap();
+    let at = whole.windows(sent[30].len()).position(|window| window == sent[30]).unwrap();
+    // The two times are the 16 bytes in front of a frame; one or both of them are hit.
+    for hit in (1..=16).flat_map(|back| (0..8).map(move |bit| (back, 1_u8 << bit, None))).chain([
+        (16, 0xff, Some(8)),
+        (13, 0x11, Some(6)),
+        (14, 0x04, Some(5)),
+    ]) {
+        let (back, bits, also) = hit;
+        let mut bytes = whole.clone();
+        for place in [Some(back), also].into_iter().flatten() {
+            bytes[at - place] ^= bits;
+        }
+        fs::write(&path, &bytes).unwrap();
+        let frames = log::Reader::open(&path).unwrap().flatten();
+        let times: Vec<u64> = frames.map(|frame| frame.receive_ns).collect();
+        assert_eq!(times.len(), 60, "{hit:?}");
+        assert!(times.is_sorted(), "{hit:?}: {:?}", &times[28..33]);
+    }
+}
+
 fn log_frame(frame: &[u8]) -> bool {
     matches!(HostDecoder::new().next(&mut &frame[..]), Some(Event::Frame(_)))
 }

@@ -2,7 +2,7 @@
 
 use crate::drive::Drive;
 use crate::geodesy::Geodetic;
-use crate::intervals::{Estimate, Samples};
+use crate::intervals::{Estimate, Sample, Samples};
 
 use super::BINS;
 
@@ -76,7 +76,7 @@ impl Bins {
             bin.place = bin.place.or(scan.place[0].is_finite().then_some(scan.place));
             for (samples, (slope, ci95)) in samples.iter_mut().zip(scan.slopes) {
                 if slope.is_finite() {
-                    samples.push((f64::from(slope), if ci95.is_finite() { f64::from(ci95) / 1.96 } else { 0.0 }));
+                    samples.push(Sample::new(f64::from(slope), f64::from(ci95), at));
                 }
             }
         }

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::{escaped, strip::thousands};
 use crate::drive::{Drive, SLOPES};
-use crate::intervals::{MILE_M, Samples};
+use crate::intervals::{MILE_M, Sample, Samples};
 use crate::profiles::degrees;
 
 /// One line under the title: when, where, how far, with what.
@@ -59,7 +59,8 @@ pub fn tiles(drive: &Drive) -> String {
     }
     let mut half = Samples::default();
     for scan in &drive.scans {
-        scan.slopes.iter().filter(|slope| slope.1.is_finite()).for_each(|slope| half.push((f64::from(slope.1), 0.0)));
+        let halves = scan.slopes.iter().map(|slope| f64::from(slope.1)).filter(|half| half.is_finite());
+        halves.for_each(|one| half.push(Sample::new(one, f64::NAN, scan.station_m)));
     }
     if let Some(half) = half.median() {
         tile(&format!("\u{b1}{half:.2}\u{b0}"), "95 % interval of one slope, median", "");
@@ -90,7 +91,7 @@ pub fn miles(drive: &Drive) -> String {
         *scans += 1;
         for ((samples, steep), (slope, ci95)) in samples.iter_mut().zip(steep).zip(scan.slopes) {
             if slope.is_finite() {
-                samples.push((f64::from(slope), if ci95.is_finite() { f64::from(ci95) / 1.96 } else { 0.0 }));
+                samples.push(Sample::new(f64::from(slope), f64::from(ci95), scan.station_m));
                 *steep += u64::from(slope.abs() > 14.036);
             }
         }

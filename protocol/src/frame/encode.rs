@@ -4,11 +4,11 @@
 //! copied twice and no second buffer is needed. (postcard's own COBS flavour indexes its output and may panic.)
 
 use cobs::CobsEncoder;
-use crc::{Digest, Table};
+use crc::Digest;
 use postcard::ser_flavors::Flavor;
 use serde::Serialize;
 
-use super::{CRC, DELIMITER, Direction, ToBoard, ToHost};
+use super::{CRC, DELIMITER, Direction, Tables, ToBoard, ToHost};
 use crate::message::{Command, Message};
 
 /// The buffer, or the direction's greatest frame, is too short for the message; nothing of use is in the buffer.
@@ -62,7 +62,7 @@ fn payload_into<T: Serialize>(payload: &T, writer: FrameWriter<'_>) -> Result<us
 /// Takes serialised bytes into a frame. Its output is the frame's length without the delimiter.
 struct FrameWriter<'a> {
     cobs: CobsEncoder<'a>,
-    crc: Digest<'static, u32, Table<1>>,
+    crc: Digest<'static, u32, Tables>,
 }
 
 impl<'a> FrameWriter<'a> {

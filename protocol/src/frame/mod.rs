@@ -35,8 +35,13 @@ pub const DELIMITER: u8 = 0;
 /// Bytes of the check at the end of a payload.
 const CRC_LEN: usize = 4;
 
-/// One table of 1 KiB: a lookup a byte.
-static CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
+/// The check's tables: of 1 KiB, a lookup a byte, on a microcontroller; of 16 KiB, sixteen bytes a step, on a desk.
+#[cfg(not(target_pointer_width = "64"))]
+type Tables = Table<1>;
+#[cfg(target_pointer_width = "64")]
+type Tables = Table<16>;
+
+static CRC: Crc<u32, Tables> = Crc::<u32, Tables>::new(&CRC_32_ISO_HDLC);
 
 /// One of the two directions of the link.
 pub trait Direction {

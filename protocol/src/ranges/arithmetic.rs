@@ -96,14 +96,11 @@ pub struct Reader<'a> {
     ahead: u32,
     low: u32,
     range: u32,
-    /// The next bytes, the first on top.
-    window: u64,
-    /// How many bytes of the window are left; zeros follow those that the code has.
-    left: u32,
-    rest: &'a [u8],
+    code: &'a [u8],
     /// Bytes taken in, those supplied past the code's end included.
     pulled: usize,
-    len: usize,
+    /// The four bytes after those, the first on top: fetched before it is known how many are wanted.
+    next: u32,
     sound: bool,
     ends_in_zero: bool,
 }
@@ -114,14 +111,13 @@ impl<'a> Reader<'a> {
             ahead: 0,
             low: 0,
             range: u32::MAX,
-            window: 0,
-            left: 0,
-            rest: code,
+            code,
             pulled: 0,
-            len: code.len(),
+            next: 0,
             sound: true,
             ends_in_zero: code.last() == Some(&0),
         };
+        reader.fetch();
         reader.pull(3);
         reader.pull(1);
         reader
@@ -173,36 +169,19 @@ impl<'a> Reader<'a> {
     /// Takes in 0 to 3 bytes.
     #[inline(always)]
     fn pull(&mut self, bytes: u32) {
-        if self.left < bytes {
-            self.refill();
-        }
         let bits = 8 * bytes;
-        // In two steps, as none may be by 64.
-        self.ahead = self.ahead << bits | (self.window >> 1 >> (63 - bits)) as u32;
-        self.window <<= bits;
-        self.left -= bytes;
+        self.ahead = self.ahead << bits | (u64::from(self.next) << bits >> 32) as u32;
         self.pulled += bytes as usize;
+        self.fetch();
     }
 
-    /// Fills the window, in which fewer than 3 bytes are left, with 4 more.
-    #[inline(never)]
-    fn refill(&mut self) {
-        let next = match self.rest.split_first_chunk() {
-            Some((next, rest)) => {
-                self.rest = rest;
-                *next
-            }
-            None => {
-                let mut next = [0; 4];
-                for (place, &byte) in next.iter_mut().zip(self.rest) {
-                    *place = byte;
-                }
-                self.rest = &[];
-                next
-            }
+    #[inline(always)]
+    fn fetch(&mut self) {
+        let rest = self.code.get(self.pulled..).unwrap_or_default();
+        self.next = match rest.first_chunk() {
+            Some(next) => u32::from_be_bytes(*next),
+            None => last(rest),
         };
-        self.window |= u64::from(u32::from_be_bytes(next)) << (32 - 8 * self.left);
-        self.left += 4;
     }
 
     /// Whether the code so far could have been written.
@@ -213,7 +192,17 @@ impl<'a> Reader<'a> {
     /// Whether the code is the one that writing the same symbols makes.
     pub fn finish(self) -> bool {
         // A writer pushes one byte more than it has widened by; a reader is four ahead of that count.
-        let all_read = self.pulled >= self.len + 3;
+        let all_read = self.pulled >= self.code.len() + 3;
         self.sound && all_read && !self.ends_in_zero && self.ahead == self.low.wrapping_neg() & (NARROW - 1)
     }
+}
+
+/// Fewer than four bytes, and zeros after them.
+#[cold]
+fn last(rest: &[u8]) -> u32 {
+    let mut next = [0; 4];
+    for (place, &byte) in next.iter_mut().zip(rest) {
+        *place = byte;
+    }
+    u32::from_be_bytes(next)
 }

@@ -13,7 +13,7 @@ use super::arithmetic::{Reader, WHOLE_BITS, Writer};
 use super::estimate::{self, Estimate, MAX_SHIFT};
 use super::predictor::{Forecast, Predictor, Steps};
 use super::residual::{BEYOND, MAGNITUDES, SPECIAL, Scale};
-use super::shares::{ENDS, SHARES, STARTS};
+use super::shares::{Row, SHARES, STARTS};
 use crate::message::ScanMode;
 
 /// Share of "the same special value again" in 4,096.
@@ -307,12 +307,7 @@ fn read_value(reader: &mut Reader<'_>, state: &mut State, forecast: &Forecast) -
 
 #[inline(always)]
 fn read_symbol(reader: &mut Reader<'_>, scale: Scale) -> u32 {
-    let place = reader.peek();
-    // Counted and not searched: no branch depends on what comes.
-    let ends = ENDS.get(scale.row).map_or(&[][..], |row| &row[..]);
-    let symbol = ends.iter().map(|&end| u16::from(u32::from(end) <= place)).sum::<u16>() as usize;
-    let start = STARTS.get(scale.row).and_then(|row| row.get(symbol)).copied().unwrap_or(0);
-    let share = SHARES.get(scale.row).and_then(|row| row.get(symbol)).copied().unwrap_or(1);
-    reader.take(u32::from(start), u32::from(share));
-    symbol as u32
+    let (symbol, start, share) = Row::of(scale.row).symbol_at(reader.peek());
+    reader.take(start, share);
+    symbol
 }

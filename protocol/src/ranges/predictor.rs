@@ -176,6 +176,7 @@ impl Predictor {
     }
 
     /// Look ahead to beam `i`.
+    #[inline(always)]
     pub fn forecast(&mut self, i: usize) -> Forecast {
         let [even, odd] = self.steps.0;
         let step = if i & 1 == 0 { even } else { odd };
@@ -194,6 +195,7 @@ impl Predictor {
     }
 
     /// Learn the range of the last forecast's beam.
+    #[inline(always)]
     pub fn correct(&mut self, range: u16) {
         let value = i32::from(range);
         let short_best = self.short_is_best();

@@ -46,18 +46,52 @@ pub const STARTS: [[u16; SYMBOLS]; ROWS] = {
     starts
 };
 
-/// Where the share of each symbol ends, filled up with ends that none reaches: whole registers of a processor that compares eight at a time.
-pub const ENDS: [[u16; 24]; ROWS] = {
-    let mut ends = [[u16::MAX; 24]; ROWS];
+/// Symbols and what fills them up to whole registers of a processor that compares eight at a time.
+const PLACES: usize = SYMBOLS.next_multiple_of(8);
+
+/// A row as a reader wants it.
+pub struct Row {
+    /// Where the share of each symbol ends; what fills up ends nowhere.
+    ends: [i16; PLACES],
+    /// Start and share of each symbol.
+    parts: [(u16, u16); PLACES],
+}
+
+impl Row {
+    /// What a row without symbols would be.
+    const NONE: Self = Self { ends: [i16::MAX; PLACES], parts: [(0, 1); PLACES] };
+
+    #[inline(always)]
+    pub fn of(row: usize) -> &'static Self {
+        ROWS_TO_READ.get(row).unwrap_or(&Self::NONE)
+    }
+
+    /// The symbol at a place of 0..4,096, its start and its share.
+    #[inline(always)]
+    pub fn symbol_at(&self, place: u32) -> (u32, u32, u32) {
+        // Counted and not searched: no branch depends on what comes.
+        let place = place as i16;
+        let beyond: i16 = self.ends.iter().map(|&end| i16::from(end > place)).sum();
+        let symbol = (PLACES as i16 - beyond) as u32;
+        let (start, share) = self.parts.get(symbol as usize).copied().unwrap_or((0, 1));
+        (symbol, u32::from(start), u32::from(share))
+    }
+}
+
+static ROWS_TO_READ: [Row; ROWS] = {
+    let mut rows = [Row::NONE; ROWS];
     let mut row = 0;
     while row < ROWS {
         let mut symbol = 0;
-        // The last ends with the whole, beyond every place.
-        while symbol < SYMBOLS - 1 {
-            ends[row][symbol] = STARTS[row][symbol + 1];
+        while symbol < SYMBOLS {
+            rows[row].parts[symbol] = (STARTS[row][symbol], SHARES[row][symbol]);
+            // The last ends with the whole, beyond every place.
+            if symbol < SYMBOLS - 1 {
+                rows[row].ends[symbol] = STARTS[row][symbol + 1] as i16;
+            }
             symbol += 1;
         }
         row += 1;
     }
-    ends
+    rows
 };

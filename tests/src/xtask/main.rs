@@ -5,7 +5,7 @@
 //! | `test` | installs what is missing, then format, lints, licences, every test, the board image and the emulated board |
 //! | `setup` | only installs what is missing |
 //! | `fuzz` | runs libFuzzer over every target, or those named |
-//! | `soak` | drives for days of simulated time into a rotating log, and verifies it |
+//! | `soak --hours N` | drives for days of simulated time into a rotating log, and verifies it |
 //! | `list` | names the steps of `test` |
 //! | `soak` | ten minutes of drive through the emulated board |
 //! | `size` | what the image takes of the board's memory |
@@ -27,7 +27,7 @@ cargo xtask COMMAND
   test [--long] [STEP...]
                    install what is missing, then run every check (or only the steps named);
                    --long adds what takes long or wants the machine for itself
-  setup            install what is missing: ARM target, emulator, browser, cargo-deny
+  setup            install what is missing: ARM target, emulator, browser, cargo-deny, Python tools, Spark
   fuzz [--seconds N] [TARGET...]
                    run libFuzzer over every target, N seconds each (60 unless told)
   soak --hours N   drive so long in simulated time into a rotating log, and verify all of it

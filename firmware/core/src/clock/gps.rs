@@ -8,10 +8,8 @@ use crossfall_protocol::DeviceTime;
 use crossfall_protocol::message::{ClockState, PulseVerdict};
 
 use super::SECOND_US;
+use super::gps_time::GpsTime;
 use super::pulses::PulseTrain;
-
-/// Microseconds in a GPS week.
-const WEEK_US: i64 = 604_800 * SECOND_US;
 
 /// A pose may seem to arrive this much before it is valid (rounding of stamps, a clock whose rate is not yet known).
 const EARLY_US: i64 = 2_000;
@@ -23,31 +21,13 @@ const RENAMING: u8 = 8;
 /// How long the mapping is used after its last pulse: a rate that wanders by 1 ppm errs by 0.6 ms then.
 const HOLDOVER_US: i64 = 600 * SECOND_US;
 
-/// GPS time as one number: microseconds since the GPS epoch, leap seconds not counted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub struct GpsTime(pub i64);
-
-impl GpsTime {
-    /// From week and microseconds into it. Exact: 65,535 weeks are below 2^56 us; the second is taken below 2^40.
-    #[must_use]
-    pub fn new(week: u16, week_us: u64) -> Self {
-        Self(i64::from(week) * WEEK_US + (week_us & ((1 << 40) - 1)) as i64)
-    }
-
-    /// Week and microseconds into it.
-    #[must_use]
-    pub fn split(self) -> (u16, u64) {
-        (self.0.div_euclid(WEEK_US) as u16, self.0.rem_euclid(WEEK_US) as u64)
-    }
-}
-
 /// The mapping.
 #[derive(Clone, Debug, Default)]
 pub struct GpsClock {
     train: PulseTrain,
-    /// GPS time of the train's second 0.
-    origin: Option<GpsTime>,
-    rival: Option<GpsTime>,
+    /// GPS time of the train's second 0, in microseconds since its epoch.
+    origin_us: Option<i64>,
+    rival_us: Option<i64>,
     votes: u8,
 }
 
@@ -56,7 +36,7 @@ impl GpsClock {
     pub fn pulse(&mut self, time: DeviceTime) -> PulseVerdict {
         let verdict = self.train.edge(time);
         if verdict == PulseVerdict::Restarted {
-            (self.origin, self.rival, self.votes) = (None, None, 0);
+            (self.origin_us, self.rival_us, self.votes) = (None, None, 0);
         }
         verdict
     }
@@ -68,19 +48,19 @@ impl GpsClock {
         if !(-SECOND_US..HOLDOVER_US).contains(&elapsed_us) {
             return false;
         }
-        let lower = gps.0 - elapsed_us - EARLY_US;
+        let lower = gps.count_us() - elapsed_us - EARLY_US;
         let pulse_gps = (lower + SECOND_US - 1).div_euclid(SECOND_US) * SECOND_US;
-        let origin = GpsTime(pulse_gps - second * SECOND_US);
-        if self.origin == Some(origin) {
-            (self.rival, self.votes) = (None, 0);
+        let origin_us = pulse_gps - second * SECOND_US;
+        if self.origin_us == Some(origin_us) {
+            (self.rival_us, self.votes) = (None, 0);
             return false;
         }
-        self.votes = if self.rival == Some(origin) { self.votes.saturating_add(1) } else { 1 };
-        self.rival = Some(origin);
-        if self.votes < if self.origin.is_some() { RENAMING } else { NAMING } {
+        self.votes = if self.rival_us == Some(origin_us) { self.votes.saturating_add(1) } else { 1 };
+        self.rival_us = Some(origin_us);
+        if self.votes < if self.origin_us.is_some() { RENAMING } else { NAMING } {
             return false;
         }
-        (self.origin, self.rival, self.votes) = (Some(origin), None, 0);
+        (self.origin_us, self.rival_us, self.votes) = (Some(origin_us), None, 0);
         true
     }
 
@@ -88,7 +68,7 @@ impl GpsClock {
     #[must_use]
     pub fn device_time(&self, gps: GpsTime) -> Option<DeviceTime> {
         let (pulse, second) = self.train.newest()?;
-        let since_us = gps.0.saturating_sub(self.origin?.0 + second * SECOND_US);
+        let since_us = gps.count_us().saturating_sub(self.origin_us? + second * SECOND_US);
         if since_us.abs() > HOLDOVER_US {
             return None;
         }
@@ -102,7 +82,10 @@ impl GpsClock {
         let (anchor, second) = self.train.newest()?;
         Some(ClockState {
             anchor,
-            gps: self.origin.map(|origin| GpsTime(origin.0 + second * SECOND_US).split()),
+            gps: self
+                .origin_us
+                .map(|origin_us| GpsTime::of_count(origin_us + second * SECOND_US))
+                .map(|gps| (gps.week, gps.us)),
             drift: self.train.drift(),
             pulses: self.train.len() as u8,
         })
@@ -120,18 +103,12 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const START: GpsTime = GpsTime(2_400 * WEEK_US + 345_600 * SECOND_US);
+    const START: GpsTime = GpsTime { week: 2_400, us: 345_600_000_000 };
 
     /// Device time of a GPS time for a clock that is `ppm` fast and read 1 s at `START`.
     fn device(gps: GpsTime, ppm: f64) -> DeviceTime {
-        let since = (gps.0 - START.0) as f64;
+        let since = gps.since(START) as f64;
         DeviceTime((1e6 + since * (1.0 + ppm * 1e-6)).round() as u64)
-    }
-
-    #[test]
-    fn week_and_seconds_round_trip() {
-        assert_eq!(GpsTime::new(2_400, 345_600_000_000), START);
-        assert_eq!(START.split(), (2_400, 345_600_000_000));
     }
 
     #[test]
@@ -139,7 +116,7 @@ mod tests {
         let mut clock = GpsClock::default();
         clock.pulse(device(START, 0.0));
         for i in 1..=3 {
-            let gps = GpsTime(START.0 + i * 10_000);
+            let gps = START.offset(i * 10_000).unwrap();
             assert_eq!(clock.device_time(gps), None);
             assert_eq!(clock.name(gps, device(gps, 0.0).offset(20_000)), i == 3);
         }
@@ -156,7 +133,7 @@ mod tests {
         ) {
             let mut clock = GpsClock::default();
             for (second, &fault) in faults.iter().enumerate() {
-                let whole = GpsTime(START.0 + second as i64 * SECOND_US);
+                let whole = START.offset(second as i64 * SECOND_US).unwrap();
                 // The first two are good; later ones may be missing, doubled, or joined by a stray edge.
                 let fault = if second < 2 { 7 } else { fault };
                 if fault != 0 {
@@ -169,7 +146,7 @@ mod tests {
                     clock.pulse(device(whole, ppm).offset(437_000));
                 }
                 for tenth in 0..10i64 {
-                    let gps = GpsTime(whole.0 + 450_000 + tenth * 10_000);
+                    let gps = whole.offset(450_000 + tenth * 10_000).unwrap();
                     let latency = latencies[(second * 10 + tenth as usize) % latencies.len()];
                     clock.name(gps, device(gps, ppm).offset(latency));
                     if second >= 2 {
@@ -186,13 +163,13 @@ mod tests {
             calls in prop::collection::vec((any::<bool>(), any::<u64>(), any::<u16>(), any::<u64>()), 0..200),
         ) {
             let mut clock = GpsClock::default();
-            for (pulse, time, week, week_us) in calls {
+            for (pulse, time, week, us) in calls {
                 if pulse {
                     clock.pulse(DeviceTime(time));
                 } else {
-                    clock.name(GpsTime::new(week, week_us), DeviceTime(time));
+                    clock.name(GpsTime { week, us }, DeviceTime(time));
                 }
-                let _ = (clock.device_time(GpsTime::new(week, week_us)), clock.state());
+                let _ = (clock.device_time(GpsTime { week, us }), clock.state());
             }
         }
     }

@@ -4,10 +4,12 @@
 
 mod counter;
 mod gps;
+mod gps_time;
 mod pulses;
 
 pub use counter::Counter;
-pub use gps::{GpsClock, GpsTime};
+pub use gps::GpsClock;
+pub use gps_time::{GpsTime, WEEK_US};
 pub use pulses::{MAX_DRIFT, PulseTrain, WINDOW};
 
 /// One second, in the unit of [`DeviceTime`](crate::protocol::DeviceTime).

@@ -324,7 +324,7 @@ impl State {
     }
 
     fn solution(&mut self, solution: &InsSolution, out: &mut impl FnMut(Event<'_>)) {
-        let gps = GpsTime::new(solution.week, solution.gps_us);
+        let gps = solution.gps_time();
         let renamed = self.clock.name(gps, solution.arrival);
         let mapped = self.clock.device_time(gps);
         let time = mapped.unwrap_or_else(|| solution.arrival.offset(-i64::from(self.latency_us)));
@@ -375,7 +375,7 @@ impl ClockReplay {
 
     /// The device time of a streamed pose, where pulses give one.
     pub fn pose(&mut self, pose: &Pose) -> Option<DeviceTime> {
-        let gps = GpsTime::new(pose.gps_week, pose.gps_us);
+        let gps = GpsTime { week: pose.gps_week, us: pose.gps_us };
         self.clock.name(gps, pose.time.offset(i64::from(pose.latency_us)));
         self.clock.device_time(gps)
     }

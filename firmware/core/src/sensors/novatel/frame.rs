@@ -5,7 +5,7 @@
 
 use crossfall_protocol::DeviceTime;
 
-use super::gps_time::{GpsTime, WEEK_US};
+use crate::clock::{GpsTime, WEEK_US};
 use crate::sensors::framing::{Frame, Protocol, Verdict};
 
 /// The longest body decoded: INSCOV, the longest in use, has 228 bytes.

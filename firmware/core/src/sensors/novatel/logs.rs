@@ -5,8 +5,8 @@ use crossfall_protocol::message::Fix;
 use crossfall_protocol::{Angle, DeviceTime};
 
 use super::frame::Header;
-use super::gps_time::GpsTime;
 use super::ieee::Number;
+use crate::clock::{GpsTime, WEEK_US};
 
 /// Message numbers.
 pub mod id {
@@ -236,7 +236,7 @@ impl Fields<'_> {
     fn time(&self, at: usize) -> Result<GpsTime, &'static str> {
         let week = self.u32(at)?;
         let seconds = self.f64(at + 4, "seconds", Some)?;
-        GpsTime::from_seconds(week, seconds).ok_or("time")
+        instant(week, seconds).ok_or("time")
     }
 
     fn latitude(&self, at: usize) -> Result<i64, &'static str> {
@@ -400,5 +400,32 @@ impl<'a> Fields<'_> {
             utc_status: self.u32(40)?,
         };
         Ok((Log::Time(time), 0))
+    }
+}
+
+/// A week and seconds into it, as in a log's body, rounded to the nearest microsecond; none outside the week.
+fn instant(week: u32, seconds: Number) -> Option<GpsTime> {
+    let week = u16::try_from(week).ok()?;
+    let us = u64::try_from(seconds.scaled(1_000_000)?).ok()?;
+    match us {
+        ..WEEK_US => Some(GpsTime { week, us }),
+        // The last half microsecond of a week rounds into the next.
+        WEEK_US => Some(GpsTime { week: week.checked_add(1)?, us: 0 }),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn seconds_of_the_week_end_with_it() {
+        let at = |week, seconds: f64| instant(week, Number::from_f64_bits(seconds.to_bits()).unwrap());
+        assert_eq!(at(2209, 604_799.999_999_1), Some(GpsTime { week: 2209, us: WEEK_US - 1 }));
+        assert_eq!(at(2209, 604_799.999_999_9), Some(GpsTime { week: 2210, us: 0 }));
+        assert_eq!(at(2209, 604_800.1), None);
+        assert_eq!(at(2209, -1.0), None);
+        assert_eq!(at(65_536, 1.0), None);
     }
 }

@@ -6,12 +6,10 @@
 pub mod bring_up;
 mod decoder;
 mod frame;
-mod gps_time;
 mod ieee;
 mod logs;
 
 pub use decoder::Decoder;
 pub use frame::{Header, LONGEST, LONGEST_BODY, crc32};
-pub use gps_time::{GpsTime, WEEK_US};
 pub use ieee::Number;
 pub use logs::{Event, InsSolution, InspvaxDetail, Log, Position, Quality, RawImu, TimeLog, id};
