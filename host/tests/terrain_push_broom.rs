@@ -100,7 +100,8 @@ fn a_drive_between_a_curb_and_a_drop_gives_their_heights_risk_and_class() {
     }
 
     // Each step is risky and told for what it is; plain road is not risky.
-    for (step_m, class) in [(CURB_M, Class::Curb), (DROP_M, Class::Drop)] {
+    // Of the drop's foot the scanner sees less, as the edge hides it.
+    for (step_m, class, told_percent) in [(CURB_M, Class::Curb, 80), (DROP_M, Class::Drop, 60)] {
         let cells: Vec<Vec<Cell>> = [-0.1, 0.0, 0.1]
             .iter()
             .map(|by| beside(&mapper, path, step_m + by).map(|(cell, _)| cell).collect())
@@ -109,7 +110,7 @@ fn a_drive_between_a_curb_and_a_drop_gives_their_heights_risk_and_class() {
         let risky = (0..count).filter(|at| cells.iter().any(|line| line[*at].risk >= SLOW)).count();
         let told = (0..count).filter(|at| cells.iter().any(|line| line[*at].class == class)).count();
         assert!(count >= 40 && risky * 100 >= count * 95, "{step_m} m left: {risky} of {count} risky");
-        assert!(told * 10 >= count * 8, "{step_m} m left: {told} of {count} told a {}", class.name());
+        assert!(told * 100 >= count * told_percent, "{step_m} m left: {told} of {count} told a {}", class.name());
     }
     let plain: Vec<Cell> = (-25..=20)
         .flat_map(|tenth| beside(&mapper, path, 0.1 * f64::from(tenth)).map(|(cell, _)| cell).collect::<Vec<_>>())
