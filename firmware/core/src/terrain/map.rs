@@ -31,7 +31,7 @@ pub struct Storage<'a> {
     pub marks: &'a mut [Marks],
     /// One for each point of the largest frame.
     pub samples: &'a mut [Sample],
-    /// At least 256; 5,000 are enough for any frame.
+    /// At least 256; 6,000 are enough for any frame.
     pub pairs: &'a mut [Pair],
     /// The range image.
     pub pixels: &'a mut RangePixels,
