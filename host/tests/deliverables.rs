@@ -55,18 +55,21 @@ fn drive() -> &'static Made {
     })
 }
 
-/// Where the simulated vehicle was at each of some times of the drive, in order.
+/// Where the simulated vehicle was at each of some times of the drive, in order: on the chain of poses, and between two of them on the arc that the
+/// road has there.
 fn simulated_places(scene: &Scene, times: impl Iterator<Item = f64>) -> Vec<[f64; 3]> {
-    const STEP_S: f64 = 0.001;
+    let rate = f64::from(scene.ins.rate_hz);
     let mut track = simulate::motion::Track::new(&scene.drive);
-    let mut now = 0.0;
+    let mut poses = 0.0;
     times
         .map(|time| {
-            while now + STEP_S / 2.0 < time {
-                track.step(STEP_S);
-                now += STEP_S;
+            while (poses + 1.0) / rate <= time {
+                track.step(1.0 / rate);
+                poses += 1.0;
             }
-            let place = track.place();
+            let mut between = track.clone();
+            between.step(time - poses / rate);
+            let place = between.place();
             [place.latitude_deg, place.longitude_deg, place.height_m]
         })
         .collect()
@@ -74,7 +77,11 @@ fn simulated_places(scene: &Scene, times: impl Iterator<Item = f64>) -> Vec<[f64
 
 #[test]
 fn every_section_is_where_the_vehicle_was() {
-    let made = drive();
+    held_against_the_poses(drive());
+}
+
+/// Every section within a decimetre of the simulated pose at its instant.
+fn held_against_the_poses(made: &Made) {
     let clock = &made.scene.clock;
     let left = || made.rows.iter().filter(|row| row.left);
     let time = |row: &Row| (row.time.0 as f64 * 1e-6 - clock.start_s) / (1.0 + clock.drift_ppm * 1e-6);
@@ -105,15 +112,35 @@ fn stretches(rows: &[Row], metres: f64) -> Vec<Interval> {
     list
 }
 
-/// Every whole stretch's slopes: what was measured and half its interval, and the truth's mean.
-fn against_truth(made: &Made, metres: f64) -> Vec<(f64, f64, f64)> {
-    let mut pairs = Vec::new();
+/// A stretch's slope in degrees.
+struct Compared {
+    value: f64,
+    half: f64,
+    /// The truth's mean over the scans.
+    truth: f64,
+    /// What the inertial unit's mean roll over them makes of it, positive = too steep outward.
+    by_roll: f64,
+}
+
+impl Compared {
+    fn error(&self) -> f64 {
+        self.value - self.truth
+    }
+}
+
+/// Every stretch's slopes against the truth.
+fn against_truth(made: &Made, metres: f64) -> Vec<Compared> {
+    let mut all = Vec::new();
     for stretch in stretches(&made.rows, metres) {
-        let inside = made.rows.iter().filter(|row| {
-            row.left == stretch.left
-                && row.position.station_m.is_some_and(|at| (stretch.from_m..stretch.to_m).contains(&at))
-        });
-        let sections: Vec<_> = inside.map(|row| made.truth[row.scan as usize].section).collect();
+        let stations = stretch.from_m..stretch.to_m;
+        let inside = || {
+            let rows = made.rows.iter().filter(|row| row.left == stretch.left);
+            rows.filter(|row| row.position.station_m.is_some_and(|at| stations.contains(&at)))
+        };
+        let sections: Vec<_> = inside().map(|row| made.truth[row.scan as usize].section).collect();
+        // A vehicle taken to hang further to the right than it does makes its left side steeper outward.
+        let roll: f64 = inside().map(|row| row.roll_deg - made.truth[row.scan as usize].roll_deg).sum();
+        let by_roll = roll / sections.len() as f64 * if stretch.left { 1.0 } else { -1.0 };
         let side = |section: &simulate::section::Section| if stretch.left { section.left } else { section.right };
         let mean = |slope: &dyn Fn(&simulate::section::Side) -> f64| {
             sections.iter().map(|section| slope(&side(section))).sum::<f64>() / sections.len() as f64
@@ -123,38 +150,60 @@ fn against_truth(made: &Made, metres: f64) -> Vec<(f64, f64, f64)> {
             (stretch.opposing, mean(&|side| side.opposing_slope_deg)),
         ] {
             let found = found.expect("found in every stretch").slope_deg;
-            pairs.push((found.value, found.ci95, truth));
+            all.push(Compared { value: found.value, half: found.ci95, truth, by_roll });
         }
     }
-    pairs
+    all
 }
 
 #[test]
 fn slopes_by_the_stretch_are_the_truth_within_their_intervals() {
-    let pairs = against_truth(drive(), 10.0);
-    assert!(pairs.len() > 150);
-    let worst = pairs.iter().map(|(value, _, truth)| (value - truth).abs()).fold(0.0, f64::max);
+    let all = against_truth(drive(), 10.0);
+    assert!(all.len() > 150);
+    let worst = all.iter().map(|slope| slope.error().abs()).fold(0.0, f64::max);
     assert!(worst < 0.05, "worst {worst}");
-    let held = pairs.iter().filter(|(value, half, truth)| (value - truth).abs() <= *half).count();
-    assert!(held * 100 >= pairs.len() * 95, "{held} of {} intervals hold the truth", pairs.len());
+    let held = all.iter().filter(|slope| slope.error().abs() <= slope.half).count();
+    assert!(held * 100 >= all.len() * 95, "{held} of {} intervals hold the truth", all.len());
 }
 
+/// Ten miles with the default scene's errors: positions, stations, slopes by the tenth of a mile. A tenth lasts seven seconds, the unit's roll error
+/// thirty: it does not average out, and is 0.016 degrees RMS whatever is done with the scans. One tenth in five hundred is off by more than 0.05
+/// degrees for it alone, one drive of ten miles in eight has such a tenth (docs/deliverables.md). So what is left without it is held closely too.
 #[test]
 fn ten_miles_are_right_by_the_tenth() {
     if std::env::var_os("CROSSFALL_LONG").is_none() {
-        eprintln!("skipped: the ten-mile drive takes minutes; CROSSFALL_LONG runs it");
+        eprintln!("skipped: the ten-mile drive takes minutes; `cargo xtask test --long` runs it");
         return;
     }
     let mut scene = Scene::default();
     scene.drive.seconds = 16_093.44 / scene.drive.speed_m_s;
+    if let Ok(seed) = std::env::var("CROSSFALL_SEED") {
+        scene.drive.seed = seed.parse().unwrap();
+    }
     let made = make(scene);
+    held_against_the_poses(&made);
     let stations = made.rows.iter().filter_map(|row| row.position.station_m);
     let way = stations.fold(0.0, f64::max);
     let truth = made.truth.last().unwrap().station_m;
+    println!("{way:.3} m of {truth:.3} m");
     assert!((way / truth - 1.0).abs() < 1e-3, "{way} {truth}");
-    let pairs = against_truth(&made, 160.9344);
-    let worst = pairs.iter().map(|(value, _, truth)| (value - truth).abs()).fold(0.0, f64::max);
-    assert!(pairs.len() >= 400 && worst < 0.05, "worst {worst} of {}", pairs.len());
+    let all = against_truth(&made, 160.9344);
+    let worst = |error: &dyn Fn(&Compared) -> f64| all.iter().map(|slope| error(slope).abs()).fold(0.0, f64::max);
+    let rms = |error: &dyn Fn(&Compared) -> f64| {
+        (all.iter().map(|slope| error(slope).powi(2)).sum::<f64>() / all.len() as f64).sqrt()
+    };
+    let (total, rest) = (|slope: &Compared| slope.error(), |slope: &Compared| slope.error() - slope.by_roll);
+    let held = all.iter().filter(|slope| slope.error().abs() <= slope.half).count();
+    println!("{} slopes of tenths: worst {:.4}, RMS {:.4} degrees", all.len(), worst(&total), rms(&total));
+    println!(
+        "without the unit's roll: worst {:.4}, RMS {:.4}; {held} intervals hold the truth",
+        worst(&rest),
+        rms(&rest)
+    );
+    assert!(all.len() >= 400 && worst(&total) < 0.05, "worst {} of {}", worst(&total), all.len());
+    assert!(worst(&rest) < 0.02 && rms(&rest) < 0.005, "{} {}", worst(&rest), rms(&rest));
+    // Neighbouring tenths share their error, so that this is worth a tenth of as many.
+    assert!(held * 100 >= all.len() * 88, "{held} of {} intervals hold the truth", all.len());
 }
 
 #[test]
@@ -428,10 +477,13 @@ fn other_programs_open_every_file() {
 #[test]
 fn spark_takes_logs_in() {
     let Some(python) = python() else { return };
-    let has = std::process::Command::new(&python).args(["-c", "import pyspark"]).output().unwrap();
-    if !has.status.success() {
+    let runs = |program: &Path, argument: &[&str]| {
+        std::process::Command::new(program).args(argument).output().is_ok_and(|output| output.status.success())
+    };
+    let java = std::env::var_os("JAVA_HOME").map_or(PathBuf::from("java"), |home| Path::new(&home).join("bin/java"));
+    if !runs(&python, &["-c", "import pyspark"]) || !runs(&java, &["-version"]) {
         eprintln!(
-            "skipped: {} has no pyspark, half a gigabyte that `cargo xtask setup` does not fetch",
+            "skipped: {} has no pyspark, or there is no Java; `cargo xtask setup` fetches both",
             python.display()
         );
         return;
@@ -448,7 +500,10 @@ fn spark_takes_logs_in() {
             .current_dir(folder.path())
             .env("PYSPARK_PYTHON", &python)
             .env("SPARK_LOCAL_IP", "127.0.0.1");
-        let output = job.env("PYSPARK_SUBMIT_ARGS", "--master local[2] pyspark-shell").output().unwrap();
+        // Two workers; without Spark's own page, and without two hundred pieces of a table of two rows.
+        let session =
+            "--master local[2] --conf spark.ui.enabled=false --conf spark.sql.shuffle.partitions=2 pyspark-shell";
+        let output = job.env("PYSPARK_SUBMIT_ARGS", session).output().unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         String::from_utf8(output.stdout).unwrap()
     };

@@ -3,6 +3,7 @@
 mod bench;
 mod browser;
 mod devtools;
+mod report;
 
 use std::fs;
 use std::io::Write;
