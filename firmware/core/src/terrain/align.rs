@@ -83,7 +83,7 @@ pub(crate) fn align(
             continue;
         }
         // The turn is within a fifth of straight ahead. Behind the beam it is at its ends, where rates explain least.
-        if !(y.abs() <= 4.0 * x) {
+        if y.abs() > 4.0 * x {
             continue;
         }
         let turn = Direction::of(x, y, z).turn;
@@ -205,9 +205,9 @@ impl Sums {
                 // Where nothing is to be weighed the difference may be as large as there are.
                 self.right[row][lane] += weighted[lane] * least(off[lane], FARTHEST);
             }
-            for column in 0..=row {
+            for (sums, term) in self.matrix[row].iter_mut().zip(&terms).take(row + 1) {
                 for lane in 0..LANES {
-                    self.matrix[row][column][lane] += weighted[lane] * terms[column][lane];
+                    sums[lane] += weighted[lane] * term[lane];
                 }
             }
         }
@@ -216,14 +216,14 @@ impl Sums {
 
     fn finish(&self, prior: [f32; TERMS]) -> Normal {
         let mut normal = Normal { matrix: [[0.0; TERMS]; TERMS], right: [0.0; TERMS] };
-        for row in 0..TERMS {
+        for (row, prior) in prior.iter().enumerate() {
             normal.right[row] = self.right[row].iter().sum();
             for column in 0..=row {
                 let sum = self.matrix[row][column].iter().sum();
                 normal.matrix[row][column] = sum;
                 normal.matrix[column][row] = sum;
             }
-            normal.matrix[row][row] += prior[row];
+            normal.matrix[row][row] += prior;
         }
         normal
     }
