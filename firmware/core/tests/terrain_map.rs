@@ -1,8 +1,8 @@
 //! Properties of the elevation and risk map, on synthetic ground sampled at the cells' centres.
 
 use crossfall_core::terrain::{
-    Cell, Class, IMAGE_COLUMNS, IMAGE_ROWS, Marks, MovingBox, Pair, Pose, RangePixels, Refusal, Sample, Storage,
-    TILE_SIDE, TerrainConfig, TerrainMap, Tile, TileKey,
+    Cell, Class, IMAGE_COLUMNS, IMAGE_ROWS, Marks, MovingBox, Pair, Pose, RangePixels, Refusal, Sample, SetUpError,
+    Storage, TILE_SIDE, TerrainConfig, TerrainMap, Tile, TileKey,
 };
 use proptest::prelude::*;
 
@@ -291,4 +291,90 @@ fn a_frame_that_does_not_lie_on_the_map_is_left_out_and_three_begin_it_anew() {
     let reports = [0; 3].map(|_| map.integrate(&other, &pose(0, 0), 100_000, &[], |_| {}));
     assert_eq!(reports.map(|report| report.refused), [Some(Refusal::Misfit), Some(Refusal::Misfit), None]);
     assert!(reports[2].restarted);
+}
+
+#[test]
+fn storage_or_numbers_that_do_not_fit_are_refused_by_name() {
+    let refusal = |config: TerrainConfig, side: u16, marks: usize, samples: usize, pairs: usize| {
+        let mut memory = Memory::new();
+        let storage = Storage {
+            tiles: &mut memory.tiles,
+            marks: memory.marks.get_mut(..marks).unwrap(),
+            samples: memory.samples.get_mut(..samples).unwrap(),
+            pairs: memory.pairs.get_mut(..pairs).unwrap(),
+            pixels: &mut memory.pixels,
+        };
+        TerrainMap::new(config, side, storage).err()
+    };
+    let sound = TerrainConfig::default();
+    assert_eq!(refusal(sound, SIDE, 144, 1, 256), None);
+    assert_eq!(refusal(sound, 0, 144, 1, 256), Some(SetUpError::Side));
+    assert_eq!(refusal(sound, 256, 144, 1, 256), Some(SetUpError::Side));
+    assert_eq!(refusal(sound, SIDE + 1, 144, 1, 256), Some(SetUpError::TileStorage));
+    assert_eq!(refusal(sound, SIDE, 143, 1, 256), Some(SetUpError::TileStorage));
+    assert_eq!(refusal(sound, SIDE, 144, 0, 256), Some(SetUpError::Scratch));
+    assert_eq!(refusal(sound, SIDE, 144, 1, 255), Some(SetUpError::Scratch));
+    for config in [
+        TerrainConfig { cell_m: f32::NAN, ..sound },
+        TerrainConfig { cell_m: 0.0, ..sound },
+        TerrainConfig { farthest_m: 1.0, ..sound },
+        TerrainConfig { refresh_every: 0, ..sound },
+    ] {
+        assert_eq!(refusal(config, SIDE, 144, 1, 256), Some(SetUpError::Configuration), "{config:?}");
+    }
+}
+
+#[test]
+fn points_beyond_the_storage_are_counted_and_the_others_are_mapped() {
+    let mut memory = Memory::new();
+    memory.samples.truncate(1000);
+    let mut map = memory.map();
+    let points = frame(|_, _| 0.0);
+    let report = map.integrate(&points, &pose(0, 0), 100_000, &[], |_| {});
+    let counts = report.points;
+    assert_eq!((counts.given, counts.fused), (25_600, 1000));
+    assert_eq!(counts.out_of_range + counts.over_capacity + counts.fused, counts.given, "{counts:?}");
+}
+
+/// The whole map of a drive over a curb, a bump, a wall and noise, as one number: it changes with a single bit of any cell, and then either a
+/// defect has come in or the number is to be set anew with the reason.
+#[test]
+fn the_same_frames_give_the_bits_that_they_always_gave() {
+    let mut memory = Memory::new();
+    let mut map = memory.map();
+    let mut state = 1u64;
+    let mut noise = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        ((state >> 40) as f32 / (1u32 << 24) as f32 - 0.5) * 0.04
+    };
+    for step in 0..8i64 {
+        // 0.3 m a frame along x.
+        let ahead = 0.3 * step as f32;
+        let mut points = frame(|x, y| {
+            let bump = (0.3 - (x + ahead - 4.0).abs()).max(0.0) * 0.3;
+            let wall = if y < -6.0 && x > 2.0 { 0.9 } else { 0.0 };
+            0.02 * x + if y > 3.0 { 0.12 } else { bump } + wall
+        });
+        for point in &mut points {
+            point[2] += noise();
+        }
+        let mut at = pose(0, 0);
+        at.position_um[0] += 300_000 * step;
+        assert_eq!(map.integrate(&points, &at, 100_000, &[], |_| {}).refused, None, "frame {step}");
+    }
+    map.refresh_all();
+    // FNV-1a, 64 bits.
+    let mut digest = 0xcbf2_9ce4_8422_2325u64;
+    let mut take = |value: u64| {
+        for byte in value.to_le_bytes() {
+            digest = (digest ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+        }
+    };
+    for (x, y, cell) in all_cells(&map) {
+        take((x as u32 as u64) << 32 | u64::from(y as u32));
+        take(cell.height.map_or(u64::MAX, |height| u64::from(height as u32)));
+        take(u64::from(cell.weight) << 32 | u64::from(cell.scatter_mm) << 24 | u64::from(cell.risk) << 16);
+        take(u64::from(cell.tall) << 16 | (cell.class as u64) << 8 | u64::from(cell.confidence));
+    }
+    assert_eq!(digest, 0x281d_2538_ca38_ad3c, "{digest:#018x}");
 }

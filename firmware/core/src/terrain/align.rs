@@ -7,7 +7,7 @@
 //! A spinning sensor takes a tenth of a second for a frame, in which a body that nods at 3 degrees/s turns by 0.3: the fit
 //! therefore has a rate for each of the three, over the part of the turn that a point's azimuth tells (0 ahead, +/-1/2 behind).
 //! The data decide their sign, so neither the sense of rotation nor the sensor's model need to be known, and a frame
-//! that was corrected before comes out with rates of nothing. At most 5,000 points of the 144 degrees ahead take part.
+//! that was corrected before comes out with rates of nothing. 6,000 points of a frame are looked at; those of the 144 degrees ahead take part.
 
 use core::cmp::Ordering;
 
@@ -56,6 +56,8 @@ pub(crate) struct Correction {
 const SCALE: f32 = 1.0 / 256.0;
 /// Pairs below which nothing is corrected: the map is too young.
 const FEW: u32 = 60;
+/// Points of a frame that are looked at.
+const MOST: usize = 6_000;
 /// Largest difference that is looked at, quarter millimetres.
 const FARTHEST: f32 = 2000.0;
 /// Weight margin of a settled cell: 0.7 sigma at most 8 mm.
@@ -70,7 +72,7 @@ pub(crate) fn align(
     near_far: (f32, f32),
     cell_m: f32,
 ) -> (Alignment, Correction) {
-    let stride = (points.len() / pairs.len().clamp(1, 9_000)).max(1);
+    let stride = (points.len() / pairs.len().clamp(1, MOST)).max(1);
     let (near2, far2) = (near_far.0 * near_far.0, near_far.1 * near_far.1);
     let cells = f32::from(window.side) * 16.0;
     let mut used = 0;

@@ -96,6 +96,8 @@ pub struct TerrainMap<'a> {
     /// The track that a jump may have begun.
     elsewhere: Option<Track>,
     frame: u32,
+    /// Some tile may hold something that stands.
+    any_tall: bool,
     misfits: u8,
     pending_us: u32,
     sensor_um: [i64; 3],
@@ -135,6 +137,7 @@ impl<'a> TerrainMap<'a> {
             track: Track::default(),
             elsewhere: None,
             frame: 0,
+            any_tall: false,
             misfits: 0,
             pending_us: 0,
             sensor_um: [0; 3],
@@ -242,13 +245,21 @@ impl<'a> TerrainMap<'a> {
         self.fuse([settled, others], (projection.sensor_height(), tall), &mut report.points);
         let stamp = self.stamp();
         // In a line's only look at a place its first hit is all there will be.
-        raise(&mut self.window, &self.marks, if self.config.push_broom { TALL_CERTAIN } else { 1 }, stamp);
-        if !self.config.push_broom {
-            report.cleared =
+        if report.points.standing > 0 {
+            raise(&mut self.window, &self.marks, if self.config.push_broom { TALL_CERTAIN } else { 1 }, stamp);
+            self.any_tall = true;
+        }
+        if !self.config.push_broom && self.any_tall {
+            (report.cleared, self.any_tall) =
                 look_through(&mut self.window, &self.marks, &self.image, &projection, pose, &self.config, stamp);
         }
+        let every = u32::from(self.config.refresh_every.max(1));
+        let first = match self.frame.checked_rem(every) {
+            None | Some(0) => 0,
+            Some(past) => every - past,
+        };
         let due = self.schedule();
-        report.refreshed = self.refresh(due);
+        report.refreshed = self.refresh((first, every), due);
         report
     }
 
@@ -317,7 +328,7 @@ impl<'a> TerrainMap<'a> {
         let leaves = move |key: TileKey| {
             key.x.wrapping_sub(origin.x) as u32 >= side || key.y.wrapping_sub(origin.y) as u32 >= side
         };
-        self.refresh(|_, tile| tile.dirty && leaves(tile.key));
+        self.refresh((0, 1), |_, tile| tile.dirty && leaves(tile.key));
         for slot in 0..self.window.tiles.len() {
             if self.window.tiles.get(slot).is_some_and(|tile| leaves(tile.key)) {
                 self.classify_slot(slot);
@@ -350,7 +361,7 @@ impl<'a> TerrainMap<'a> {
         let front = self.samples.get(..front).unwrap_or_default();
         let back = self.samples.get(from..).unwrap_or_default();
         let stamp = (self.frame & 255) as u8;
-        let closed = self.marks.close_around_hits(&self.window);
+        let closed = counts.standing > 0 && self.marks.close_around_hits(&self.window);
         if closed {
             self.image.widen();
         }
@@ -381,7 +392,7 @@ impl<'a> TerrainMap<'a> {
         for tile in self.window.tiles.iter_mut() {
             tile.dirty = tile.in_use;
         }
-        self.refresh(|_, tile| tile.dirty);
+        self.refresh((0, 1), |_, tile| tile.dirty);
         for slot in 0..self.window.tiles.len() {
             self.classify_slot(slot);
         }
@@ -405,15 +416,17 @@ impl<'a> TerrainMap<'a> {
         }
     }
 
-    fn refresh(&mut self, due: impl Fn(usize, &Tile) -> bool) -> u32 {
+    /// Tells the tiles that are due anew, of every `step`th slot from `first` on; how many they were.
+    fn refresh(&mut self, (first, step): (u32, u32), due: impl Fn(usize, &Tile) -> bool) -> u32 {
+        let (first, step) = (first as usize, (step as usize).max(1));
         let review = (!self.config.push_broom).then(|| self.stamp());
-        for (slot, tile) in self.window.tiles.iter_mut().enumerate() {
+        for (slot, tile) in self.window.tiles.iter_mut().enumerate().skip(first).step_by(step) {
             if due(slot, tile) {
                 measure(tile, review);
             }
         }
         let mut refreshed = 0;
-        for slot in 0..self.window.tiles.len() {
+        for slot in (first..self.window.tiles.len()).step_by(step) {
             let Some(tile) = self.window.tiles.get(slot) else { continue };
             if !due(slot, tile) {
                 continue;

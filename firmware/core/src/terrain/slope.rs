@@ -18,8 +18,9 @@ const ENOUGH: u16 = 6;
 /// wrong by 3 %, which between two rings a metre apart is a step of 3 cm.
 const SURE: u16 = 40;
 
-/// Known cells from which a tile's first impressions are reviewed: an eighth.
-const REVIEWED: u16 = 32;
+/// Known cells from which a tile's first impressions are reviewed: 8, 16, 32 and 64. A sparse sensor stays with the first.
+const REVIEWED: u16 = 8;
+const REVIEWS: u8 = 4;
 /// Height above the tile's floor from which a first impression is given up, 0.17 m: above a curb of 15 cm, below a car's flank.
 const IMPRESSION: i16 = 680;
 
@@ -27,21 +28,21 @@ const IMPRESSION: i16 = 680;
 /// is known.
 ///
 /// What a tile far off shows first may be the flank of a car, taken for ground because there was none to tell it from. When more is known, cells
-/// that stand high above the tile's floor and are not seen in this frame are given up, once: a low wall is seen again, the car has gone.
+/// that stand high above the tile's floor and are not seen in this frame are given up: a low wall is seen again, the car has gone.
 pub(crate) fn measure(tile: &mut Tile, review: Option<u8>) {
     survey(tile);
     if let Some(stamp) = review
-        && !tile.reviewed
-        && tile.known >= REVIEWED
+        && tile.reviewed < REVIEWS
+        && tile.known >= REVIEWED << tile.reviewed
     {
-        tile.reviewed = true;
+        tile.reviewed += 1;
         if give_up_impressions(tile, stamp) {
             survey(tile);
         }
     }
 }
 
-/// Medians that stand on many pairs are kept until a sixteenth of the tile's cells has been added: they hardly move.
+/// Medians that stand on many pairs are kept until an eighth of the tile's cells has been added: they hardly move.
 fn survey(tile: &mut Tile) {
     let mut known = 0i32;
     let mut sum = 0i32;
@@ -53,7 +54,7 @@ fn survey(tile: &mut Tile) {
     }
     tile.known = known as u16;
     tile.ground = sum.checked_div(known).unwrap_or(0) as i16;
-    if tile.pairs.iter().all(|pairs| u16::from(*pairs) >= SURE) && tile.known.abs_diff(tile.surveyed) < tile.known >> 4
+    if tile.pairs.iter().all(|pairs| u16::from(*pairs) >= SURE) && tile.known.abs_diff(tile.surveyed) < tile.known >> 3
     {
         return;
     }
@@ -236,112 +237,87 @@ fn weight_at_most(values: &Rises, weights: &Rises, bound: i16) -> u16 {
 
 /// Pools the medians of a tile's neighbourhood: none where nothing around is known well enough.
 pub(crate) fn pool(window: &Window<'_>, around: &Neighbours<'_>, key: TileKey) -> Option<[i16; 2]> {
-    let mut near = [Votes::NONE; 2];
+    let mut near = Votes::<16>::NONE;
     for (place, tile) in around.iter().enumerate() {
-        let Some(tile) = tile else { continue };
-        for (votes, (rise, pairs)) in near.iter_mut().zip(tile.own_rise.iter().zip(tile.pairs)) {
-            if let (Some(held), Some(weight)) = (votes.rise.get_mut(place), votes.weight.get_mut(place)) {
-                // The tile itself counts double.
-                *held = *rise;
-                *weight = i16::from(pairs.min(64)) << u8::from(place == 4);
-            }
+        if let Some(tile) = tile {
+            // The tile itself counts double.
+            near.take(place, tile, if place == 4 { 2 } else { 1 });
         }
     }
-    let sure = near.map(|votes| votes.weight.iter().sum::<i16>() >= SURE as i16);
+    let mut wide = Votes::<56>::NONE;
     let mut out = [0i16; 2];
-    if sure != [true; 2] {
-        let mut held = Held::around(window, key, 2);
-        if held.total.iter().zip(sure).any(|(total, sure)| !sure && *total < SURE) {
-            let wide = Held::around(window, key, 3);
-            for axis in 0..2 {
-                if held.total[axis] < SURE {
-                    (held.votes[axis], held.total[axis]) = (wide.votes[axis], wide.total[axis]);
-                }
+    for (axis, out) in out.iter_mut().enumerate() {
+        let mut found = near.median(axis, SURE);
+        for (reach, least) in [(2, SURE), (3, ENOUGH)] {
+            if found.is_none() {
+                wide.gather(window, key, reach);
+                found = wide.median(axis, least);
             }
-            held.used = wide.used;
         }
-        for (axis, out) in out.iter_mut().enumerate().filter(|(axis, _)| !sure[axis & 1]) {
-            *out = held.median(axis)?;
-        }
-    }
-    for ((out, votes), sure) in out.iter_mut().zip(&near).zip(sure) {
-        if sure {
-            *out = votes.median();
-        }
+        *out = found?;
     }
     Some(out)
 }
 
-/// Rises of nine tiles along one axis and what each weighs, in two vectors of eight.
-#[derive(Clone, Copy)]
-struct Votes {
-    rise: [i16; 16],
-    weight: [i16; 16],
-}
-
-impl Votes {
-    const NONE: Self = Self { rise: [NONE; 16], weight: [0; 16] };
-
-    /// The smallest rise that half of the weight lies at or below: of each, what lies below is counted, which needs no branch and no order.
-    fn median(&self) -> i16 {
-        let total = self.weight.iter().sum::<i16>();
-        let mut best = NONE;
-        for rise in self.rise.iter().take(9) {
-            // Ten times 64 at most.
-            let mut below = 0;
-            for (other, weight) in self.rise.iter().zip(&self.weight) {
-                below += weight & -i16::from(other <= rise);
-            }
-            let half = -i16::from(2 * below >= total);
-            best = best.min((*rise & half) | (NONE & !half));
-        }
-        best
-    }
-}
-
-/// Rises of up to 7 x 7 tiles along both axes, and what each weighs: nothing for a tile without pairs.
-struct Held {
-    votes: [[(i16, u16); 49]; 2],
-    total: [u16; 2],
+/// Rises of up to `N` tiles along both axes, and what each weighs: nothing where there is no tile, or none with pairs.
+struct Votes<const N: usize> {
+    rise: [[i16; N]; 2],
+    weight: [[i16; N]; 2],
     used: usize,
+    reach: i32,
 }
 
-impl Held {
-    /// Of the tiles up to `reach` away.
-    fn around(window: &Window<'_>, key: TileKey, reach: i32) -> Self {
-        let mut held = Self { votes: [[(0, 0); 49]; 2], total: [0; 2], used: 0 };
+impl<const N: usize> Votes<N> {
+    const NONE: Self = Self { rise: [[NONE; N]; 2], weight: [[0; N]; 2], used: 0, reach: 0 };
+
+    /// Those of the tiles up to `reach` away, unless it holds them already.
+    fn gather(&mut self, window: &Window<'_>, key: TileKey, reach: i32) {
+        if self.reach == reach {
+            return;
+        }
+        (self.used, self.reach) = (0, reach);
         for dy in -reach..=reach {
             for dx in -reach..=reach {
                 let near = TileKey { x: key.x.wrapping_add(dx), y: key.y.wrapping_add(dy) };
-                let Some(tile) = window.tile(near).filter(|tile| tile.pairs != [0; 2]) else { continue };
-                // The tile itself counts double.
-                let times = if dx == 0 && dy == 0 { 2 } else { 1 };
-                for axis in 0..2 {
-                    let weight = u16::from(tile.pairs[axis].min(64)) * times;
-                    if let Some(vote) = held.votes[axis].get_mut(held.used) {
-                        *vote = (tile.own_rise[axis], weight);
-                        held.total[axis] += weight;
-                    }
+                if let Some(tile) = window.tile(near).filter(|tile| tile.pairs != [0; 2]) {
+                    self.take(self.used, tile, if dx == 0 && dy == 0 { 2 } else { 1 });
                 }
-                held.used += 1;
             }
         }
-        held
     }
 
-    fn median(&mut self, axis: usize) -> Option<i16> {
-        let (votes, total) = (self.votes.get_mut(axis)?.get_mut(..self.used)?, *self.total.get(axis)?);
-        if total < ENOUGH {
-            return None;
-        }
-        votes.sort_unstable_by_key(|vote| vote.0);
-        let mut below = 0;
-        for (rise, weight) in votes.iter() {
-            below += weight;
-            if 2 * below >= total && *weight > 0 {
-                return Some(*rise);
+    fn take(&mut self, place: usize, tile: &Tile, times: i16) {
+        for axis in 0..2 {
+            if let (Some(rise), Some(weight)) = (self.rise[axis].get_mut(place), self.weight[axis].get_mut(place)) {
+                *rise = tile.own_rise[axis];
+                *weight = i16::from(tile.pairs[axis].min(64)) * times;
             }
         }
-        None
+        self.used = self.used.max(place + 1);
     }
+
+    /// The smallest rise that half of the weight lies at or below, if there is as much weight at all.
+    fn median(&self, axis: usize, least: u16) -> Option<i16> {
+        let rises = self.rise.get(axis)?.get(..self.used)?;
+        let weights = self.weight.get(axis)?.get(..self.used)?;
+        // Fifty times 64 at most.
+        let total = weights.iter().sum::<i16>();
+        (total >= least as i16).then(|| median(rises, weights, total))
+    }
+}
+
+/// Of each rise is counted what lies at or below, which needs no branch and no order; one without weight never comes out, as the next smaller has
+/// as much below it.
+#[inline(never)]
+fn median(rises: &[i16], weights: &[i16], total: i16) -> i16 {
+    let mut best = NONE;
+    for rise in rises {
+        let mut below = 0;
+        for (other, weight) in rises.iter().zip(weights) {
+            below += weight & -i16::from(other <= rise);
+        }
+        let half = -i16::from(2 * below >= total);
+        best = best.min((*rise & half) | (NONE & !half));
+    }
+    best
 }

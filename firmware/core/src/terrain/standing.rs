@@ -36,7 +36,7 @@ pub(crate) fn raise(window: &mut Window<'_>, marks: &Board<'_>, by: u8, stamp: u
     }
 }
 
-/// Strikes what the frame sees through; returns how many cells lost their mark.
+/// Strikes what the frame sees through; returns how many cells lost their mark, and whether any is left.
 pub(crate) fn look_through(
     window: &mut Window<'_>,
     marks: &Board<'_>,
@@ -45,8 +45,8 @@ pub(crate) fn look_through(
     pose: &Pose,
     config: &TerrainConfig,
     stamp: u8,
-) -> u32 {
-    let mut struck = 0;
+) -> (u32, bool) {
+    let (mut struck, mut any_left) = (0, false);
     for slot in 0..window.tiles.len() {
         let Some(tile) = window.tiles.get(slot).filter(|tile| tile.has_tall) else { continue };
         let mark = marks.get(slot);
@@ -84,8 +84,9 @@ pub(crate) fn look_through(
         if let Some(tile) = window.tiles.get_mut(slot) {
             tile.has_tall = left;
         }
+        any_left |= left;
     }
-    struck
+    (struck, any_left)
 }
 
 /// Whether one of the cell's 3 x 3, within its tile, is hit in this frame.

@@ -113,8 +113,8 @@ pub struct Tile {
     pub(crate) in_use: bool,
     pub(crate) dirty: bool,
     pub(crate) has_tall: bool,
-    /// First impressions have been reviewed.
-    pub(crate) reviewed: bool,
+    /// How often first impressions have been reviewed.
+    pub(crate) reviewed: u8,
     /// Some cell's risk changed since the classes were told.
     pub(crate) unclassified: bool,
     pub(crate) height: [i16; TILE_CELLS],
@@ -141,7 +141,7 @@ impl Tile {
         in_use: false,
         dirty: false,
         has_tall: false,
-        reviewed: false,
+        reviewed: 0,
         unclassified: false,
         height: [0; TILE_CELLS],
         margin: [0; TILE_CELLS],
