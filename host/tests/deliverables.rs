@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::OnceLock;
+use std::time::{Duration, Instant};
 
 use crossfall::capture::{Reader, Writer};
 use crossfall::cloud::{self, Class, Stretch};
@@ -473,6 +474,9 @@ fn other_programs_open_every_file() {
     assert_eq!(valid, "['LineString', 'Point', 'Polygon']");
 }
 
+/// A job of Spark takes half a minute, and several on a busy machine.
+const SPARK_LIMIT: Duration = Duration::from_secs(600);
+
 /// The job of the documentation on two workers of one machine, and its data set read by the same engine.
 #[test]
 fn spark_takes_logs_in() {
@@ -503,9 +507,25 @@ fn spark_takes_logs_in() {
         // Two workers; without Spark's own page, and without two hundred pieces of a table of two rows.
         let session =
             "--master local[2] --conf spark.ui.enabled=false --conf spark.sql.shuffle.partitions=2 pyspark-shell";
-        let output = job.env("PYSPARK_SUBMIT_ARGS", session).output().unwrap();
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        String::from_utf8(output.stdout).unwrap()
+        let [said, told] = ["stdout", "stderr"].map(|name| folder.path().join(name));
+        job.env("PYSPARK_SUBMIT_ARGS", session);
+        job.stdout(fs::File::create(&said).unwrap()).stderr(fs::File::create(&told).unwrap());
+        let mut running = job.spawn().unwrap();
+        let deadline = Instant::now() + SPARK_LIMIT;
+        let status = loop {
+            if let Some(status) = running.try_wait().unwrap() {
+                break status;
+            }
+            if Instant::now() > deadline {
+                // Spark's Java ends with the Python that started it.
+                running.kill().unwrap();
+                running.wait().unwrap();
+                panic!("Spark takes more than {SPARK_LIMIT:?}: {}", fs::read_to_string(&told).unwrap());
+            }
+            std::thread::sleep(Duration::from_millis(100));
+        };
+        assert!(status.success(), "{}", fs::read_to_string(&told).unwrap());
+        fs::read_to_string(&said).unwrap()
     };
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/scripts/take_in.py");
     let program = Path::new(env!("CARGO_BIN_EXE_crossfall"));
