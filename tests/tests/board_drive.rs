@@ -10,7 +10,7 @@ use crossfall::profiles::{Row, Rows};
 use crossfall::{capture, log, run, verify};
 use crossfall_core::protocol::Config;
 use crossfall_core::protocol::message::Message;
-use crossfall_tests::emulator::{Image, Step, image, ram_used};
+use crossfall_tests::emulator::{Image, Step, image, ram_used, told};
 
 /// Seconds of the drive; a minute with `cargo xtask test --long`.
 const SECONDS: (f64, f64) = (15.0, 60.0);
@@ -40,7 +40,7 @@ fn a_drive_at_half_rate_loses_nothing_verifies_and_is_as_accurate_as_in_process(
 
     let status = board::stop(&mut board);
     println!("{status:?}");
-    for (time, text) in board::told(&board) {
+    for (time, text) in told(&board) {
         println!("{:>10} {text}", time.0);
     }
     assert_eq!(board.link.losses(), (0, 0));

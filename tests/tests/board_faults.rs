@@ -10,7 +10,7 @@ use crossfall::verify;
 use crossfall_core::protocol::Config;
 use crossfall_core::protocol::config::Method;
 use crossfall_core::protocol::message::{Command, Message, Outcome, PulseVerdict};
-use crossfall_tests::emulator::Step;
+use crossfall_tests::emulator::{Step, told};
 use crossfall_tests::lms_emulator::Mode;
 use crossfall_tests::recordings;
 
@@ -137,7 +137,7 @@ fn faults_on_the_wires_are_counted_and_survived() {
     assert_eq!((outcome(good), outcome(bad)), (vec![Outcome::Done], vec![Outcome::BadConfig]));
 
     // The scanner's absence is told, and its return.
-    let told = board::told(&board);
+    let told = told(&board);
     println!("{told:#?}");
     assert!(told.iter().any(|(_, text)| text.contains("silent")));
     let stx = board.link.collect(|message| if let Message::Scan(scan) = message { Some(scan.stx) } else { None });

@@ -67,7 +67,7 @@ fn a_hit_frame_is_one_frame_lost_and_told_with_its_seconds_and_bytes() {
     let path = folder.path("a.mcap");
     write(&path, &sent);
     let mut bytes = fs::read(&path).unwrap();
-    let at = bytes.windows(sent[77].len()).position(|window| window == sent[77]).unwrap();
+    let at = place(&bytes, &sent[77]);
     bytes[at + 3] ^= 0x20;
     fs::write(&path, &bytes).unwrap();
     let report = folder.recover("a.mcap");
@@ -100,8 +100,7 @@ fn a_hole_in_the_file_is_told_by_its_bytes_frames_and_seconds() {
     let path = folder.path("a.mcap");
     write(&path, &sent);
     let mut bytes = fs::read(&path).unwrap();
-    let place = |n: usize| bytes.windows(sent[n].len()).position(|window| window == sent[n]).unwrap();
-    let (from, to) = (place(100), place(160));
+    let (from, to) = (place(&bytes, &sent[100]), place(&bytes, &sent[160]));
     bytes[from..to].fill(0);
     fs::write(&path, &bytes).unwrap();
     let report = folder.recover("a.mcap");
@@ -123,7 +122,7 @@ fn a_frame_whose_time_is_hit_is_not_later_than_the_next() {
     let path = folder.path("a.mcap");
     write(&path, &sent);
     let whole = fs::read(&path).unwrap();
-    let at = whole.windows(sent[30].len()).position(|window| window == sent[30]).unwrap();
+    let at = place(&whole, &sent[30]);
     // The two times are the 16 bytes in front of a frame; one or both of them are hit.
     for hit in (1..=16).flat_map(|back| (0..8).map(move |bit| (back, 1_u8 << bit, None))).chain([
         (16, 0xff, Some(8)),
@@ -141,6 +140,11 @@ fn a_frame_whose_time_is_hit_is_not_later_than_the_next() {
         assert_eq!(times.len(), 60, "{hit:?}");
         assert!(times.is_sorted(), "{hit:?}: {:?}", &times[28..33]);
     }
+}
+
+/// Where a file has a frame.
+fn place(file: &[u8], frame: &[u8]) -> usize {
+    file.windows(frame.len()).position(|window| window == frame).unwrap()
 }
 
 fn log_frame(frame: &[u8]) -> bool {
@@ -175,7 +179,7 @@ fn a_file_that_was_not_closed_has_an_open_end() {
     let path = folder.path("a.mcap");
     write(&path, &sent);
     let bytes = fs::read(&path).unwrap();
-    let at = bytes.windows(sent[90].len()).position(|window| window == sent[90]).unwrap();
+    let at = place(&bytes, &sent[90]);
     fs::write(&path, &bytes[..at + 2]).unwrap();
     let report = folder.recover("a.mcap");
     assert_eq!((report.lost, report.open_ends, report.frames), (true, 1, 90));

@@ -8,9 +8,8 @@ use std::time::{Duration, Instant};
 use crossfall::emulated::scanner::{Mode, Scanner};
 use crossfall::simulate::scene::Scene;
 use crossfall::{capture, info, log, simulate, verify};
-use crossfall_core::protocol::DeviceTime;
-use crossfall_core::protocol::message::{Level, Message, Status};
-use crossfall_tests::emulator::{Emulator, Image, Options, Step, at_line_rates, half_the_scans, image};
+use crossfall_core::protocol::message::{Message, Status};
+use crossfall_tests::emulator::{Emulator, Image, Options, Step, at_line_rates, half_the_scans, image, told};
 
 /// Seconds of drive unless told otherwise.
 const SECONDS: u64 = 600;
@@ -156,21 +155,11 @@ fn soak(seconds: u64) -> Result<Vec<String>, Failure> {
         problems.push(format!("the stack grows: {settled} bytes after two minutes and a half, {last} at the end"));
     }
     if !problems.is_empty() {
-        for (time, text) in words(&board) {
+        for (time, text) in told(&board) {
             println!("{:>12} {text}", time.0);
         }
     }
     Ok(problems)
-}
-
-/// What the board has told in words, and when.
-fn words(board: &Emulator) -> Vec<(DeviceTime, String)> {
-    board.link.collect(|message| match message {
-        Message::Log(line) if line.level != Level::Defmt => {
-            Some((line.time, String::from_utf8_lossy(line.text).into_owned()))
-        }
-        _ => None,
-    })
 }
 
 /// Starts QEMU on one processor, where it then stays. Its two threads take turns with every byte: waking one on another processor that has gone

@@ -8,8 +8,7 @@ use crossfall::capture::{self, Channel, Chunk};
 use crossfall::log;
 use crossfall::simulate::scene::Scene;
 use crossfall::simulate::{self, truth};
-use crossfall_core::protocol::DeviceTime;
-use crossfall_core::protocol::message::{Level, Message, Status};
+use crossfall_core::protocol::message::Status;
 use crossfall_tests::emulator::{Emulator, Image, Options, Step, at_line_rates, every_second, half_the_scans, image};
 use crossfall_tests::lms_emulator::{Mode, Scanner};
 
@@ -65,16 +64,6 @@ pub fn rest(after: &[Chunk]) -> Step<'static> {
 /// Stops the survey; the status after that, which counts everything.
 pub fn stop(board: &mut Emulator) -> Status {
     board.stop(Duration::from_secs(60)).expect("the survey stops")
-}
-
-/// What the board has told in words, and when.
-pub fn told(board: &Emulator) -> Vec<(DeviceTime, String)> {
-    board.link.collect(|message| match message {
-        Message::Log(line) if line.level != Level::Defmt => {
-            Some((line.time, String::from_utf8_lossy(line.text).into_owned()))
-        }
-        _ => None,
-    })
 }
 
 /// Everything that the board has sent, as a log.
