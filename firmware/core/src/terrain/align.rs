@@ -13,7 +13,7 @@ use core::cmp::Ordering;
 
 use super::geometry::dot;
 use super::project::{Projection, least};
-use super::sight::Direction;
+use super::sight::Bearing;
 use super::tile::UNITS_PER_M;
 use super::window::Window;
 
@@ -86,7 +86,7 @@ pub(crate) fn align(
         if y.abs() > 4.0 * x {
             continue;
         }
-        let turn = Direction::of(x, y, z).turn;
+        let turn = Bearing::of(x, y).turn;
         let (offset, height) = projection.apply(p, turn);
         let (u, v) = (offset[0] + projection.origin[0], offset[1] + projection.origin[1]);
         if !(u >= 0.0 && v >= 0.0 && u < cells && v < cells) {

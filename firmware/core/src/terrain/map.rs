@@ -12,12 +12,12 @@ use super::config::TerrainConfig;
 use super::geometry::{Pose, Step, Track};
 use super::marks::{Board, Lies, Marks, Tall};
 use super::project::{PointCounts, Projection, Sample, Targets, project};
-use super::relief::{Patch, Relief};
+use super::relief::{Bench, Patch, Relief};
 use super::risk::RiskTable;
 use super::sight::{RangeImage, RangePixels};
 use super::slope::{measure, pool};
 use super::standing::{look_through, raise};
-use super::tile::{TALL_CERTAIN, TILE_CELLS, Tile, TileKey, UNITS_PER_M, margin_table};
+use super::tile::{Margins, TALL_CERTAIN, TILE_CELLS, Tile, TileKey, UNITS_PER_M, Update, margin_table};
 use super::window::{Neighbours, Window};
 
 /// Beyond this, 20 m, a tile's risk is told half as often: at any speed there is time for it, and most tiles lie there.
@@ -89,7 +89,7 @@ pub struct TerrainMap<'a> {
     samples: &'a mut [Sample],
     pairs: &'a mut [Pair],
     image: RangeImage<'a>,
-    margins: [u8; 256],
+    margins: Margins,
     table: RiskTable,
     datum_um: i64,
     track: Track,
@@ -222,21 +222,23 @@ impl<'a> TerrainMap<'a> {
         }
         self.misfits = 0;
 
-        self.marks.clear();
-        self.image.clear();
-        mark_boxes(boxes, &projection, self.cell_um, pose, &self.window, &mut self.marks);
         let units = |metres: f32| (metres * UNITS_PER_M) as i32;
         let tall = Tall { stands: units(self.config.tall_above_m), hangs: units(self.config.overhang_m) };
+        // What is hit for the first time is not looked through in the same frame.
+        let see = !self.config.push_broom && self.any_tall;
+        self.marks.clear(tall);
+        self.image.clear(see);
+        mark_boxes(boxes, &projection, self.cell_um, pose, &self.window, &mut self.marks);
         let [settled, others] = project(
             points,
             &projection,
             &self.config,
-            tall,
             &self.window,
             Targets {
                 samples: self.samples,
                 marks: &mut self.marks,
                 image: &mut self.image,
+                see,
                 counts: &mut report.points,
             },
         );
@@ -249,7 +251,7 @@ impl<'a> TerrainMap<'a> {
             raise(&mut self.window, &self.marks, if self.config.push_broom { TALL_CERTAIN } else { 1 }, stamp);
             self.any_tall = true;
         }
-        if !self.config.push_broom && self.any_tall {
+        if see {
             (report.cleared, self.any_tall) =
                 look_through(&mut self.window, &self.marks, &self.image, &projection, pose, &self.config, stamp);
         }
@@ -347,9 +349,11 @@ impl<'a> TerrainMap<'a> {
             let (slot, cell) = sample.at();
             let Some(mark) = self.marks.get_mut(slot) else { continue };
             let lies = mark.stands(cell, sample.z, tall);
-            sample.left_out = lies != Lies::Ground;
             if lies == Lies::Standing {
-                self.image.stand(sample.column, sample.range_cm);
+                self.image.stand(sample.seen_at());
+            }
+            if lies != Lies::Ground {
+                sample.leave_out();
             }
             counts.leave_out(lies);
         }
@@ -360,31 +364,25 @@ impl<'a> TerrainMap<'a> {
         let from = self.samples.len().saturating_sub(back);
         let front = self.samples.get(..front).unwrap_or_default();
         let back = self.samples.get(from..).unwrap_or_default();
-        let stamp = (self.frame & 255) as u8;
         let closed = counts.standing > 0 && self.marks.close_around_hits(&self.window);
         if closed {
             self.image.widen();
         }
-        let image = &self.image;
-        let beneath = |sample: &Sample| {
-            image.is_beneath(sample.column, sample.range_cm, sensor.saturating_sub(sample.z), tall.stands)
+        let (marks, image) = (&self.marks, &self.image);
+        let is_open = |sample: &Sample, slot: usize, cell: u8| {
+            let below = sensor.saturating_sub(sample.z);
+            !(marks.get(slot).is_some_and(|mark| mark.is_closed(cell))
+                || image.is_beneath(sample.seen_at(), below, tall.stands))
         };
-        let (marks, tiles, margins) = (&self.marks, &mut *self.window.tiles, &self.margins);
-        let (mut fused, mut beside) = (0, 0);
-        for sample in front.iter().chain(back.iter().rev()) {
-            let (slot, cell) = sample.at();
-            if sample.left_out {
-                continue;
-            }
-            if closed && (marks.get(slot).is_some_and(|mark| mark.is_closed(cell)) || beneath(sample)) {
-                beside += 1;
-            } else if let Some(tile) = tiles.get_mut(slot) {
-                tile.fuse(cell, sample.z, sample.weight, stamp, margins);
-                fused += 1;
-            }
-        }
-        counts.fused = fused;
-        counts.beside_standing = beside;
+        let by = Update { margins: &self.margins, stamp: (self.frame & 255) as u8 };
+        let tiles = &mut *self.window.tiles;
+        let (first, then) = if closed {
+            (fuse_open(tiles, front.iter(), &by, is_open), fuse_open(tiles, back.iter().rev(), &by, is_open))
+        } else {
+            ([fuse_all(tiles, front.iter(), &by), 0], [fuse_all(tiles, back.iter().rev(), &by), 0])
+        };
+        counts.fused = first[0] + then[0];
+        counts.beside_standing = first[1] + then[1];
     }
 
     /// Tells gradient, relief, risk and class of every tile anew, so that all of them stand on the same heights.
@@ -426,6 +424,7 @@ impl<'a> TerrainMap<'a> {
             }
         }
         let mut refreshed = 0;
+        let mut bench = Bench::EMPTY;
         for slot in (first..self.window.tiles.len()).step_by(step) {
             let Some(tile) = self.window.tiles.get(slot) else { continue };
             if !due(slot, tile) {
@@ -435,7 +434,7 @@ impl<'a> TerrainMap<'a> {
             let rise = pool(&self.window, &around, tile.key);
             let relief = rise.and_then(|rise| {
                 let patch = Patch::gather(&around);
-                (!patch.is_empty()).then(|| relief_on_slopes(&patch, &around, rise))
+                (!patch.is_empty()).then(|| relief_on_slopes(&patch, &around, rise, &mut bench))
             });
             if let Some(tile) = self.window.tiles.get_mut(slot) {
                 tile.dirty = false;
@@ -467,12 +466,47 @@ impl<'a> TerrainMap<'a> {
     }
 }
 
+/// Fuses samples; how many they were. A loop of its own, so that all of it stays in registers.
+#[inline(never)]
+fn fuse_all<'s>(tiles: &mut [Tile], samples: impl Iterator<Item = &'s Sample>, by: &Update<'_>) -> u32 {
+    let mut taken = 0;
+    for sample in samples {
+        let (slot, cell) = sample.at();
+        let Some(tile) = tiles.get_mut(slot) else { continue };
+        tile.fuse(cell, sample.z, sample.weight(), by);
+        taken += 1;
+    }
+    taken
+}
+
+/// The same of cells that are open to them; how many were fused, and how many were not.
+#[inline(never)]
+fn fuse_open<'s>(
+    tiles: &mut [Tile],
+    samples: impl Iterator<Item = &'s Sample>,
+    by: &Update<'_>,
+    is_open: impl Fn(&Sample, usize, u8) -> bool,
+) -> [u32; 2] {
+    let mut taken = [0; 2];
+    for sample in samples {
+        let (slot, cell) = sample.at();
+        let Some(tile) = tiles.get_mut(slot) else { continue };
+        if is_open(sample, slot, cell) {
+            tile.fuse(cell, sample.z, sample.weight(), by);
+            taken[0] += 1;
+        } else {
+            taken[1] += 1;
+        }
+    }
+    taken
+}
+
 /// Relief under the tile's gradient, or under a neighbour's where that explains the heights better: where a ramp
 /// begins, half of a tile lies on one slope and half on the other, and neither is a step.
-fn relief_on_slopes(patch: &Patch, around: &Neighbours<'_>, rise: [i16; 2]) -> Relief {
-    let mut relief = patch.relief(rise);
+fn relief_on_slopes(patch: &Patch, around: &Neighbours<'_>, rise: [i16; 2], bench: &mut Bench) -> Relief {
+    let (mut relief, largest) = patch.relief(rise, bench);
     // 3 cm: below it nothing asks to slow down.
-    if relief.iter().flatten().all(|relief| *relief < 120) {
+    if largest < 120 {
         return relief;
     }
     let mut tried = [rise; 3];
@@ -487,8 +521,8 @@ fn relief_on_slopes(patch: &Patch, around: &Neighbours<'_>, rise: [i16; 2]) -> R
         let Some(entry) = tried.get_mut(count).filter(|_| fresh) else { continue };
         *entry = other.rise;
         count += 1;
-        let again = patch.relief(other.rise);
-        for (held, new) in relief.iter_mut().flatten().zip(again.iter().flatten()) {
+        let (again, _) = patch.relief(other.rise, bench);
+        for (held, new) in relief.as_flattened_mut().iter_mut().zip(again.as_flattened()) {
             *held = (*held).min(*new);
         }
     }
@@ -497,7 +531,7 @@ fn relief_on_slopes(patch: &Patch, around: &Neighbours<'_>, rise: [i16; 2]) -> R
 
 fn store(tile: &mut Tile, relief: Option<&Relief>, table: &RiskTable) {
     match relief {
-        Some(relief) => table.tell(relief.as_flattened(), &mut tile.risk),
+        Some(relief) => table.tell(relief, &mut tile.risk),
         None => tile.risk = [0; TILE_CELLS],
     }
     if tile.has_tall {

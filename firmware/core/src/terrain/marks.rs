@@ -22,6 +22,8 @@ pub struct Marks {
     touched: bool,
     pub(crate) any_hit: bool,
     any_boxed: bool,
+    /// What lies no higher than this is ground wherever in the tile it lies, quarter millimetres above the datum. Nothing does before the first touch.
+    plain: i32,
     /// The map knows this tile's ground: its points need no histogram.
     settled: bool,
     /// The mark that was touched before this one.
@@ -68,6 +70,7 @@ impl Marks {
         touched: false,
         any_hit: false,
         any_boxed: false,
+        plain: i32::MIN,
         settled: false,
         before: LAST,
         points: 0,
@@ -80,9 +83,14 @@ impl Marks {
         boxed: [0; TILE_SIDE],
     };
 
-    /// Judges a point. In a settled tile that is all; in another it counts towards the tile's ground.
+    /// Whether a point is certainly ground: nearly all of it is, told by one comparison.
     #[inline(always)]
-    pub(crate) fn judge(&mut self, cell: u8, z: i32, tall: Tall) -> Lies {
+    pub(crate) fn is_plain_ground(&self, z: i32) -> bool {
+        z <= self.plain
+    }
+
+    /// Judges a point. In a settled tile that is all; in another it counts towards the tile's ground.
+    fn judge(&mut self, cell: u8, z: i32, tall: Tall) -> Lies {
         if self.any_boxed && Self::is_set(&self.boxed, cell) {
             return Lies::Boxed;
         }
@@ -94,7 +102,7 @@ impl Marks {
     }
 
     /// The same once the tile's ground is settled.
-    #[inline(always)]
+    #[inline]
     pub(crate) fn stands(&mut self, cell: u8, z: i32, tall: Tall) -> Lies {
         let above = self.above(cell, z);
         if above <= tall.stands {
@@ -158,21 +166,36 @@ impl Marks {
 pub(crate) struct Board<'a> {
     marks: &'a mut [Marks],
     newest: u16,
+    tall: Tall,
 }
 
 impl<'a> Board<'a> {
     pub(crate) fn new(marks: &'a mut [Marks]) -> Self {
         marks.fill(Marks::EMPTY);
-        Self { marks, newest: LAST }
+        Self { marks, newest: LAST, tall: Tall { stands: 0, hangs: 0 } }
     }
 
     /// Ready for a frame.
-    pub(crate) fn clear(&mut self) {
+    pub(crate) fn clear(&mut self, tall: Tall) {
         while let Some(mark) = self.marks.get_mut(usize::from(self.newest)) {
-            mark.touched = false;
+            (mark.touched, mark.plain) = (false, i32::MIN);
             self.newest = mark.before;
         }
-        self.newest = LAST;
+        (self.newest, self.tall) = (LAST, tall);
+    }
+
+    /// The mark of a slot, touched or not.
+    #[inline(always)]
+    pub(crate) fn any(&self, slot: usize) -> Option<&Marks> {
+        self.marks.get(slot)
+    }
+
+    /// Judges a point at its mark, which is made ready at its first touch in a frame.
+    #[inline(never)]
+    pub(crate) fn judge(&mut self, slot: usize, cell: u8, z: i32, window: &Window<'_>) -> Lies {
+        let tall = self.tall;
+        // There are as many marks as slots.
+        self.touch(slot, window).map_or(Lies::Overhead, |mark| mark.judge(cell, z, tall))
     }
 
     pub(crate) fn get(&self, slot: usize) -> Option<&Marks> {
@@ -184,11 +207,10 @@ impl<'a> Board<'a> {
     }
 
     /// The mark of a slot, made ready at its first touch in a frame.
-    #[inline(always)]
-    pub(crate) fn touch(&mut self, slot: usize, window: &Window<'_>) -> Option<&mut Marks> {
+    fn touch(&mut self, slot: usize, window: &Window<'_>) -> Option<&mut Marks> {
         let mark = self.marks.get_mut(slot)?;
         if !mark.touched {
-            begin(mark, window.tiles.get(slot), self.newest);
+            begin(mark, window.tiles.get(slot), self.newest, self.tall.stands);
             self.newest = slot as u16;
         }
         Some(mark)
@@ -208,7 +230,7 @@ impl<'a> Board<'a> {
     /// Puts the box of a moving object over a cell.
     pub(crate) fn cover(&mut self, slot: usize, cell: u8, window: &Window<'_>) {
         if let Some(mark) = self.touch(slot, window) {
-            mark.any_boxed = true;
+            (mark.any_boxed, mark.plain) = (true, i32::MIN);
             mark.boxed[usize::from(cell >> 4)] |= 1 << (cell & 15);
         }
     }
@@ -256,14 +278,17 @@ impl<'a> Board<'a> {
     }
 }
 
-#[inline(never)]
-fn begin(mark: &mut Marks, tile: Option<&Tile>, before: u16) {
+fn begin(mark: &mut Marks, tile: Option<&Tile>, before: u16, stands: i32) {
     *mark = Marks { touched: true, before, ..Marks::EMPTY };
     if let Some(tile) = tile {
         mark.rise = tile.rise.map(i32::from);
         if tile.known >= KNOWN {
             mark.settled = true;
             mark.ground = tile.base.saturating_add(i32::from(tile.ground));
+            // The lowest that the gradient leaves of it: in a corner.
+            let [along, across] = mark.rise.map(|rise| rise.saturating_abs());
+            let corner = (-15 * (along + across)) >> 3;
+            mark.plain = mark.ground.saturating_add(stands).saturating_add(corner);
         }
     }
 }

@@ -6,8 +6,8 @@
 use super::align::Correction;
 use super::config::TerrainConfig;
 use super::geometry::{Pose, dot};
-use super::marks::{Board, Lies, Tall};
-use super::sight::{Direction, RangeImage, column_of};
+use super::marks::{Board, Lies};
+use super::sight::{Bearing, Direction, RangeImage};
 use super::tile::{UNITS_PER_M, WEIGHT_ONE};
 use super::window::Window;
 
@@ -16,21 +16,35 @@ use super::window::Window;
 pub struct Sample {
     /// Above the map's datum, quarter millimetres.
     pub(crate) z: i32,
-    /// 256 times the slot, and the cell.
+    /// 256 times the slot, and the cell; -1 for a point that does not enter the map.
     place: i32,
-    pub(crate) weight: u16,
-    /// Azimuth and horizontal range, as in the range image.
-    pub(crate) column: u16,
-    pub(crate) range_cm: u16,
-    /// Found not to be ground after all.
-    pub(crate) left_out: bool,
+    /// Weight, and above its 16 bits the azimuth's column of the range image.
+    weight_column: u32,
+    /// Horizontal range, as in the range image.
+    range_cm: u32,
 }
 
 impl Sample {
-    /// Slot and cell.
+    /// Slot and cell; a slot beyond any there is (255 x 255) where the point does not enter the map.
     #[inline(always)]
     pub(crate) fn at(&self) -> (usize, u8) {
         ((self.place as u32 >> 8) as usize, self.place as u8)
+    }
+
+    #[inline(always)]
+    pub(crate) fn weight(&self) -> u32 {
+        self.weight_column & 0xffff
+    }
+
+    /// Azimuth and horizontal range, as in the range image.
+    #[inline(always)]
+    pub(crate) fn seen_at(&self) -> (u16, u16) {
+        ((self.weight_column >> 16) as u16, self.range_cm as u16)
+    }
+
+    /// It is not ground.
+    pub(crate) fn leave_out(&mut self) {
+        self.place = -1;
     }
 }
 
@@ -193,8 +207,8 @@ fn most(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// Points that are worked out together.
-const BLOCK: usize = 32;
+/// Points that are worked out together: about a column of a sensor with 64 rings.
+const BLOCK: usize = 64;
 type Lane = [f32; BLOCK];
 type Words = [i32; BLOCK];
 
@@ -203,15 +217,21 @@ type Words = [i32; BLOCK];
 struct Block {
     points: [Lane; 3],
     turn: Lane,
+    /// Horizontal, m.
+    range: Lane,
     range2: Lane,
     u: Lane,
     v: Lane,
-    up: Lane,
+    /// All ones where the point is no number, out of range or behind.
+    shut: Words,
     /// 256 times the slot, and the cell; -1 where the point is not to enter the map.
     place: Words,
     /// Quarter millimetres above the datum.
     height: Words,
-    weight: Words,
+    /// As in a sample.
+    weight_column: Words,
+    /// Column of the range image in the upper half, all ones above and below it; pixel, likewise; horizontal range.
+    column: Words,
     pixel: Words,
     range_cm: Words,
 }
@@ -220,31 +240,40 @@ impl Block {
     const EMPTY: Self = Self {
         points: [[0.0; BLOCK]; 3],
         turn: [0.0; BLOCK],
+        range: [0.0; BLOCK],
         range2: [0.0; BLOCK],
         u: [0.0; BLOCK],
         v: [0.0; BLOCK],
-        up: [0.0; BLOCK],
+        shut: [0; BLOCK],
         place: [0; BLOCK],
         height: [0; BLOCK],
-        weight: [0; BLOCK],
+        weight_column: [0; BLOCK],
+        column: [0; BLOCK],
         pixel: [0; BLOCK],
         range_cm: [0; BLOCK],
     };
 
-    /// Directions and ranges of the points: what the range image needs.
-    fn look(&mut self, points: &[[f32; 4]; BLOCK]) {
-        transpose(points, &mut self.points);
-        polar(&self.points, &mut self.turn, &mut self.range2, &mut self.pixel, &mut self.range_cm);
+    /// What a lane says of its point.
+    #[inline(always)]
+    fn sample(&self, lane: usize) -> Sample {
+        let lane = lane & (BLOCK - 1);
+        Sample {
+            z: self.height[lane],
+            place: self.place[lane],
+            weight_column: self.weight_column[lane] as u32,
+            range_cm: self.range_cm[lane] as u32,
+        }
     }
 
-    /// Places, heights and weights.
-    fn place(&mut self, projection: &Projection, weighting: &Weighting, limits: &Limits) {
+    /// Places, heights and weights; how many points lie in the window.
+    fn place(&mut self, projection: &Projection, weighting: &Weighting, limits: &Limits) -> u32 {
         let Projection { x, y, z, z_rate, origin, .. } = projection;
         affine(&self.points, x, origin[0], &mut self.u);
         affine(&self.points, y, origin[1], &mut self.v);
-        heights(&self.points, &self.turn, (z, projection.rest), (z_rate, projection.lift_rate), &mut self.up);
-        weights(weighting, projection.whole, (&self.range2, &self.up), &mut self.weight, &mut self.height);
-        cells(limits, [&self.range2, &self.turn, &self.u, &self.v], &mut self.place);
+        let rates = [(z, projection.rest), (z_rate, projection.lift_rate)];
+        let out = (&mut self.height, &mut self.weight_column);
+        rise(&self.points, [&self.turn, &self.range2], &self.column, (rates, projection.whole), weighting, out);
+        cells(limits, &self.shut, [&self.u, &self.v], &mut self.place)
     }
 }
 
@@ -269,31 +298,44 @@ fn transpose(points: &[[f32; 4]; BLOCK], [xs, ys, zs]: &mut [Lane; 3]) {
 }
 
 #[inline(never)]
-fn polar(points: &[Lane; 3], turns: &mut Lane, range2: &mut Lane, pixels: &mut Words, range_cm: &mut Words) {
+fn polar(points: &[Lane; 3], turns: &mut Lane, ranges: &mut Lane, range2: &mut Lane) {
     let [xs, ys, zs] = points;
     for lane in 0..BLOCK {
         let (x, y, z) = (xs[lane], ys[lane], zs[lane]);
-        let direction = Direction::of(x, y, z);
-        turns[lane] = direction.turn;
-        pixels[lane] = direction.pixel();
-        range_cm[lane] = nearest(least(direction.range * 100.0, 65_535.0));
+        let bearing = Bearing::of(x, y);
+        turns[lane] = bearing.turn;
+        ranges[lane] = bearing.range;
         range2[lane] = x * x + y * y + z * z;
     }
 }
 
 /// How many points are no numbers, out of range, and behind, each by its first reason.
 #[inline(never)]
-fn tally(limits: &Limits, range2: &Lane, turns: &Lane) -> [u32; 3] {
+fn tally(limits: &Limits, range2: &Lane, turns: &Lane, shut: &mut Words) -> [u32; 3] {
     let (mut numbers, mut in_range, mut ahead) = (0, 0, 0);
     for lane in 0..BLOCK {
         let (range2, turn) = (range2[lane], turns[lane]);
-        // False for what is not a number.
+        // False for what is not a number. No short circuits: they would be branches.
         let within = (range2 >= limits.near2) & (range2 <= limits.far2);
-        numbers += i32::from(range2 <= f32::MAX);
-        in_range += i32::from(within);
-        ahead += i32::from(within & (turn.abs() <= limits.half_turn));
+        let open = -i32::from(within & (turn.abs() <= limits.half_turn));
+        numbers -= -i32::from(range2 <= f32::MAX);
+        in_range -= -i32::from(within);
+        ahead -= open;
+        shut[lane] = !open;
     }
     [BLOCK as i32 - numbers, numbers - in_range, in_range - ahead].map(|count| count as u32)
+}
+
+/// Where the points lie in the range image.
+#[inline(never)]
+fn look([zs, turns, ranges]: [&Lane; 3], columns: &mut Words, pixels: &mut Words, range_cm: &mut Words) {
+    for lane in 0..BLOCK {
+        let direction = Direction::at(Bearing { turn: turns[lane], range: ranges[lane] }, zs[lane]);
+        let outside = -i32::from(!direction.is_inside());
+        columns[lane] = (direction.column() | outside) << 16;
+        pixels[lane] = direction.pixel() | outside;
+        range_cm[lane] = nearest(least(direction.range * 100.0, 65_535.0));
+    }
 }
 
 #[inline(never)]
@@ -305,37 +347,41 @@ fn affine(points: &[Lane; 3], by: &[f32; 3], origin: f32, out: &mut Lane) {
 }
 
 #[inline(never)]
-fn heights(points: &[Lane; 3], turns: &Lane, still: (&[f32; 3], f32), rate: (&[f32; 3], f32), out: &mut Lane) {
+fn rise(
+    points: &[Lane; 3],
+    [turns, range2]: [&Lane; 2],
+    columns: &Words,
+    ([still, rate], whole): ([(&[f32; 3], f32); 2], i32),
+    weighting: &Weighting,
+    (heights, weight_columns): (&mut Words, &mut Words),
+) {
     let [xs, ys, zs] = points;
     for lane in 0..BLOCK {
         let at = |by: (&[f32; 3], f32)| by.0[0] * xs[lane] + by.0[1] * ys[lane] + by.0[2] * zs[lane] + by.1;
-        out[lane] = at(still) + turns[lane] * at(rate);
+        let up = at(still) + turns[lane] * at(rate);
+        let weight = weighting.weight(range2[lane], up);
+        weight_columns[lane] = nearest(most(least(weight, 65_535.0), 1.0)) | columns[lane];
+        heights[lane] = whole.wrapping_add(nearest(up));
     }
 }
 
 #[inline(never)]
-fn weights(weighting: &Weighting, whole: i32, (range2, ups): (&Lane, &Lane), out: &mut Words, heights: &mut Words) {
+fn cells(limits: &Limits, shut: &Words, [us, vs]: [&Lane; 2], places: &mut Words) -> u32 {
+    let mut outside = 0;
     for lane in 0..BLOCK {
-        let weight = weighting.weight(range2[lane], ups[lane]);
-        out[lane] = nearest(most(least(weight, 65_535.0), 1.0));
-        heights[lane] = whole.wrapping_add(nearest(ups[lane]));
-    }
-}
-
-#[inline(never)]
-fn cells(limits: &Limits, [range2, turns, us, vs]: [&Lane; 4], places: &mut Words) {
-    for lane in 0..BLOCK {
-        let (range2, u, v) = (range2[lane], us[lane], vs[lane]);
-        // Every comparison is false for what is not a number. No short circuits: they would be branches.
-        let near = (range2 >= limits.near2) & (range2 <= limits.far2) & (turns[lane].abs() <= limits.half_turn);
+        let (u, v) = (us[lane], vs[lane]);
+        // Every comparison is false for what is not a number.
         let inside = (u >= 0.0) & (v >= 0.0) & (u < limits.cells) & (v < limits.cells);
         let (column, row) = (below(u), below(v));
         let wrap = |tile: i32| tile - (limits.side & -i32::from(tile >= limits.side));
         let (x, y) = (wrap((column >> 4) + limits.corner[0]), wrap((row >> 4) + limits.corner[1]));
         // Both below 256: a product of 16 bits, which vector units have.
         let slot = i32::from((y as u16).wrapping_mul(limits.side as u16)) + x;
-        places[lane] = (slot << 8 | (row & 15) << 4 | (column & 15)) | -i32::from(!(near & inside));
+        let out = shut[lane] | -i32::from(!inside);
+        outside -= out;
+        places[lane] = (slot << 8 | (row & 15) << 4 | (column & 15)) | out;
     }
+    (BLOCK as i32 - outside) as u32
 }
 
 /// What projection writes to.
@@ -343,6 +389,8 @@ pub(crate) struct Targets<'t, 'p> {
     pub(crate) samples: &'t mut [Sample],
     pub(crate) marks: &'t mut Board<'p>,
     pub(crate) image: &'t mut RangeImage<'p>,
+    /// Something stood before this frame, so that the image will be looked at.
+    pub(crate) see: bool,
     pub(crate) counts: &'t mut PointCounts,
 }
 
@@ -352,11 +400,10 @@ pub(crate) fn project(
     points: &[[f32; 4]],
     projection: &Projection,
     config: &TerrainConfig,
-    tall: Tall,
     window: &Window<'_>,
     targets: Targets<'_, '_>,
 ) -> [usize; 2] {
-    let Targets { samples, marks, image, counts } = targets;
+    let Targets { samples, marks, image, see, counts } = targets;
     let weighting = Weighting::new(config);
     let limits = Limits {
         near2: config.nearest_m * config.nearest_m,
@@ -366,7 +413,9 @@ pub(crate) fn project(
         side: i32::from(window.side),
         corner: window.corner.map(|tile| tile as i32),
     };
-    let (mut front, mut back) = (0, samples.len());
+    let storage = samples.len();
+    let mut free = samples.iter_mut();
+    let mut back = 0;
     let mut block = Block::EMPTY;
     let (whole, rest) = points.as_chunks::<BLOCK>();
     // A block that is not full ends in what are no numbers.
@@ -377,58 +426,55 @@ pub(crate) fn project(
     }
     counts.not_finite = 0u32.wrapping_sub(missing as u32);
     for points in whole.iter().chain((missing > 0).then_some(&last)) {
-        block.look(points);
-        image.see(&block.pixel, &block.range_cm);
-        let [not_finite, out_of_range, behind] = tally(&limits, &block.range2, &block.turn);
+        transpose(points, &mut block.points);
+        polar(&block.points, &mut block.turn, &mut block.range, &mut block.range2);
+        let [not_finite, out_of_range, behind] = tally(&limits, &block.range2, &block.turn, &mut block.shut);
         let left = BLOCK as u32 - not_finite - out_of_range - behind;
         counts.not_finite = counts.not_finite.wrapping_add(not_finite);
         counts.out_of_range += out_of_range;
         counts.behind += behind;
+        if left == 0 && !see {
+            continue;
+        }
+        let lanes = [&block.points[2], &block.turn, &block.range];
+        look(lanes, &mut block.column, &mut block.pixel, &mut block.range_cm);
+        if see {
+            image.see(&block.pixel, &block.range_cm);
+        }
         if left == 0 {
             continue;
         }
-        block.place(projection, &weighting, &limits);
-        let mut inside = 0;
+        let inside = block.place(projection, &weighting, &limits);
+        counts.out_of_window += left - inside;
         for lane in 0..BLOCK {
-            let (place, z) = (block.place[lane], block.height[lane]);
-            if place < 0 {
-                continue;
-            }
-            inside += 1;
-            let Some(mark) = marks.touch((place >> 8) as usize, window) else { continue };
-            let lies = mark.judge(place as u8, z, tall);
-            if !matches!(lies, Lies::Ground | Lies::Unsettled) {
-                counts.leave_out(lies);
-                if lies == Lies::Standing {
-                    image.stand(column_of(block.pixel[lane]), block.range_cm[lane] as u16);
-                }
-                continue;
-            }
-            if front >= back {
-                counts.over_capacity += 1;
-                continue;
-            }
-            let at = if lies == Lies::Ground {
-                front += 1;
-                front - 1
+            let sample = block.sample(lane);
+            let (slot, cell) = sample.at();
+            let Some(mark) = marks.any(slot) else { continue };
+            let place = if mark.is_plain_ground(sample.z) {
+                free.next()
             } else {
-                back -= 1;
-                back
+                let lies = marks.judge(slot, cell, sample.z, window);
+                if lies == Lies::Standing {
+                    image.stand(sample.seen_at());
+                }
+                counts.leave_out(lies);
+                match lies {
+                    Lies::Ground => free.next(),
+                    Lies::Unsettled => {
+                        let place = free.next_back();
+                        back += usize::from(place.is_some());
+                        place
+                    }
+                    _ => continue,
+                }
             };
-            if let Some(sample) = samples.get_mut(at) {
-                *sample = Sample {
-                    z,
-                    place,
-                    weight: block.weight[lane] as u16,
-                    column: column_of(block.pixel[lane]),
-                    range_cm: block.range_cm[lane] as u16,
-                    left_out: false,
-                };
+            match place {
+                Some(place) => *place = sample,
+                None => counts.over_capacity += 1,
             }
         }
-        counts.out_of_window += left - inside;
     }
-    [front, samples.len() - back]
+    [storage - free.len() - back, back]
 }
 
 impl PointCounts {

@@ -23,9 +23,12 @@ const WIDTH: usize = TILE_SIDE + 2 * WING;
 /// Less than any height, and than any height negated.
 const NOTHING: i16 = i16::MIN;
 
-type Half = [i16; WIDTH];
+/// On the bounds of vectors, so that these are operands as they lie in memory.
+#[derive(Clone, Copy)]
+#[repr(align(16))]
+struct Half([i16; WIDTH]);
 /// The columns that count.
-const INSIDE: Half = {
+const INSIDE: [i16; WIDTH] = {
     let mut inside = [-1; WIDTH];
     let mut column = 0;
     while column < WING - HALO {
@@ -37,17 +40,40 @@ const INSIDE: Half = {
 };
 /// Heights, then the same negated. Where one half ends, a window reaches into the other: a column a step of the flow and
 /// two for the last, which the wings' three outermost columns on each side take up.
-type Row = [i16; 2 * WIDTH];
-type Plane = [Row; ROWS];
+#[derive(Clone, Copy)]
+#[repr(align(16))]
+struct Row([i16; 2 * WIDTH]);
+
+impl Row {
+    const EMPTY: Self = Self([NOTHING; 2 * WIDTH]);
+}
+
+/// Where reliefs are worked out: rows, and two as they were before a step.
+pub(crate) struct Bench {
+    rows: [Row; ROWS],
+    before: [Row; 2],
+}
+
+impl Bench {
+    pub(crate) const EMPTY: Self = Self { rows: [Row::EMPTY; ROWS], before: [Row::EMPTY; 2] };
+}
 
 /// Heights and margins of a tile and its surroundings, above the tile's base.
 pub(crate) struct Patch {
     height: [Half; ROWS],
     /// 0 where nothing is known.
     margin: [Half; ROWS],
-    /// Whether a cell of the row is empty.
-    gaps: [bool; ROWS],
+    rows: [Census; ROWS],
     any_known: bool,
+}
+
+/// What a row holds.
+#[derive(Clone, Copy)]
+struct Census {
+    /// A cell of it is empty.
+    gap: bool,
+    /// A cell of it is not.
+    known: bool,
 }
 
 /// Relief of a tile's cells, quarter millimetres; below zero where nothing is known near.
@@ -55,8 +81,12 @@ pub(crate) type Relief = [[i16; TILE_SIDE]; TILE_SIDE];
 
 impl Patch {
     pub(crate) fn gather(around: &Neighbours<'_>) -> Self {
-        let mut patch =
-            Self { height: [[0; WIDTH]; ROWS], margin: [[0; WIDTH]; ROWS], gaps: [false; ROWS], any_known: false };
+        let mut patch = Self {
+            height: [Half([0; WIDTH]); ROWS],
+            margin: [Half([0; WIDTH]); ROWS],
+            rows: [Census { gap: true, known: false }; ROWS],
+            any_known: false,
+        };
         let Some(tile) = around.tile(0, 0) else { return patch };
         let base = tile.base;
         for (dy, rows) in [(-1, 0..HALO), (0, HALO..HALO + TILE_SIDE), (1, HALO + TILE_SIDE..ROWS)] {
@@ -67,10 +97,9 @@ impl Patch {
             copy::<TILE_SIDE, WING, 0>(around.tile(0, dy), base, first, height, margin);
             copy::<WING, { WING + TILE_SIDE }, 0>(around.tile(1, dy), base, first, height, margin);
         }
-        for (gaps, margin) in patch.gaps.iter_mut().zip(&patch.margin) {
-            let (gap, known) = census(margin);
-            *gaps = gap;
-            patch.any_known |= known;
+        for (row, margin) in patch.rows.iter_mut().zip(&patch.margin) {
+            *row = census(margin);
+            patch.any_known |= row.known;
         }
         patch
     }
@@ -79,43 +108,49 @@ impl Patch {
         !self.any_known
     }
 
-    /// The relief when `rise` (over four cells, towards x and y) is taken out.
-    pub(crate) fn relief(&self, rise: [i16; 2]) -> Relief {
-        let mut plane: Plane = [[NOTHING; 2 * WIDTH]; ROWS];
-        let mut along = [0i16; WIDTH];
-        for (column, value) in along.iter_mut().enumerate() {
+    /// The relief when `rise` (over four cells, towards x and y) is taken out, and the largest of it.
+    pub(crate) fn relief(&self, rise: [i16; 2], bench: &mut Bench) -> (Relief, i16) {
+        let mut along = Half([0; WIDTH]);
+        for (column, value) in along.0.iter_mut().enumerate() {
             *value = (i32::from(rise[0]) * (column as i32 - 16) / 4) as i16;
         }
-        for (row, ((heights, margins), out)) in self.height.iter().zip(&self.margin).zip(&mut plane).enumerate() {
+        for (row, ((heights, margins), out)) in self.height.iter().zip(&self.margin).zip(&mut bench.rows).enumerate() {
             let up = (i32::from(rise[1]) * (row as i32 - 13) / 4) as i16;
             intervals(heights, margins, &along, up, out);
         }
-        // To and fro between two planes. A step less far out than the one before: what lies further cannot reach the tile any more.
-        let mut gaps = self.gaps;
-        let mut other: Plane = [[NOTHING; 2 * WIDTH]; ROWS];
-        flow(&plane, &mut other, &mut gaps, 1);
-        flow(&other, &mut plane, &mut gaps, 2);
-        flow(&plane, &mut other, &mut gaps, 3);
+        // Each step a row less far out than the one before: what lies further cannot reach the tile any more.
+        let mut rows = self.rows;
+        for edge in 1..=3 {
+            flow(bench, &mut rows, edge);
+        }
         let mut out = [[NOTHING; TILE_SIDE]; TILE_SIDE];
-        for (window, out) in other.windows(5).skip(HALO - 2).zip(&mut out) {
+        let mut largest = [NOTHING; TILE_SIDE];
+        for (window, out) in bench.rows.windows(5).skip(HALO - 2).zip(&mut out) {
             if let [a, b, c, d, e] = window {
-                span([a, b, c, d, e], out);
+                span([a, b, c, d, e], out, &mut largest);
             }
         }
-        out
+        (out, largest.iter().copied().fold(NOTHING, i16::max))
     }
 }
 
-/// One step: cells that are still empty take the extremes of their eight neighbours, in all but the `edge` outermost rows.
-fn flow(from: &Plane, to: &mut Plane, gaps: &mut [bool; ROWS], edge: usize) {
-    let rows = from.windows(3).zip(to.iter_mut().zip(gaps).skip(1));
-    for (near, (to, gaps)) in rows.skip(edge - 1).take(ROWS - 2 * edge) {
-        let [above, here, below] = near else { return };
-        if *gaps {
-            *gaps = fill_empty(above, here, below, to);
-        } else {
-            *to = *here;
+/// One step: cells that are still empty take the extremes of their eight neighbours, in all but the `edge` outermost rows. A row that changes
+/// leaves behind what it was for the one below.
+fn flow(bench: &mut Bench, rows: &mut [Census; ROWS], edge: usize) {
+    let [mut before, mut now] = bench.before.each_mut();
+    let mut changed = false;
+    let known_before = rows.map(|row| row.known);
+    for row in edge..ROWS - edge {
+        let near = bench.rows.get_mut(row - 1..).and_then(|rows| rows.first_chunk_mut());
+        let known = known_before.get(row - 1..).and_then(|known| known.first_chunk());
+        let (Some([above, here, below]), Some(known), Some(row)) = (near, known, rows.get_mut(row)) else { return };
+        // Where nothing is near nothing flows in.
+        let fills = row.gap && *known != [false; 3];
+        if fills {
+            *row = fill_empty(if changed { before } else { above }, here, below, now);
+            core::mem::swap(&mut before, &mut now);
         }
+        changed = fills;
     }
 }
 
@@ -142,15 +177,14 @@ fn copy<const COUNT: usize, const TO: usize, const FROM: usize>(
 // One row each, by reference and never inlined: as loops of their own over whole rows they become vector instructions
 // (four of eight words even without AVX); inlined into the nest above, LLVM leaves them scalar, 30 times slower.
 
-/// Whether a row has empty cells, and known ones.
 #[inline(never)]
-fn census(margin: &Half) -> (bool, bool) {
+fn census(Half(margin): &Half) -> Census {
     let (mut gap, mut known) = (0, 0);
     for column in 0..WIDTH {
         gap |= -i16::from(margin[column] == 0) & INSIDE[column];
         known |= margin[column] & INSIDE[column];
     }
-    (gap != 0, known != 0)
+    Census { gap: gap != 0, known: known != 0 }
 }
 
 #[inline(never)]
@@ -158,8 +192,8 @@ fn lift<const COUNT: usize, const TO: usize, const FROM: usize>(
     heights: &[i16; TILE_SIDE],
     margins: &[u8; TILE_SIDE],
     shift: i16,
-    height: &mut Half,
-    margin: &mut Half,
+    Half(height): &mut Half,
+    Half(margin): &mut Half,
 ) {
     for column in 0..COUNT {
         height[TO + column] = heights[FROM + column].saturating_add(shift);
@@ -169,7 +203,7 @@ fn lift<const COUNT: usize, const TO: usize, const FROM: usize>(
 
 /// Heights less the gradient, and the same negated, both drawn in by their margins.
 #[inline(never)]
-fn intervals(heights: &Half, margins: &Half, along: &Half, up: i16, out: &mut Row) {
+fn intervals(Half(heights): &Half, Half(margins): &Half, Half(along): &Half, up: i16, Row(out): &mut Row) {
     for column in 0..WIDTH {
         let level = heights[column].saturating_sub(along[column]).saturating_sub(up);
         let margin = margins[column];
@@ -179,41 +213,50 @@ fn intervals(heights: &Half, margins: &Half, along: &Half, up: i16, out: &mut Ro
     }
 }
 
-/// Whether cells of the row stay empty.
+/// A row's maxima over three, with a vector of nothing more on each side.
+#[repr(align(16))]
+struct Tallest([i16; WING + 2 * WIDTH + WING]);
+
+/// Fills a row, and keeps it as it was.
 #[inline(never)]
-fn fill_empty(above: &Row, here: &Row, below: &Row, to: &mut Row) -> bool {
-    // A column of nothing more on each side.
-    let mut tallest = [NOTHING; 2 * WIDTH + 2];
+fn fill_empty(Row(above): &Row, Row(here): &mut Row, Row(below): &Row, Row(before): &mut Row) -> Census {
+    let mut tallest = Tallest([NOTHING; WING + 2 * WIDTH + WING]);
+    let Tallest(tallest) = &mut tallest;
     for column in 0..2 * WIDTH {
-        tallest[column + 1] = above[column].max(here[column]).max(below[column]);
+        before[column] = here[column];
+        tallest[WING + column] = here[column].max(above[column]).max(below[column]);
     }
-    let mut left = 0;
+    let (mut left, mut known) = (0, 0);
     for column in 0..WIDTH {
-        let empty = -i16::from(here[column] == NOTHING);
-        let high = tallest[column].max(tallest[column + 1]).max(tallest[column + 2]);
-        let low = tallest[WIDTH + column].max(tallest[WIDTH + column + 1]).max(tallest[WIDTH + column + 2]);
+        let empty = -i16::from(before[column] == NOTHING);
+        let three = |at: usize| tallest[at].max(tallest[at - 1]).max(tallest[at + 1]);
+        let (high, low) = (three(WING + column), three(WING + WIDTH + column));
         // Masked and not selected: LLVM turns a select of a stored value into a branch around the store.
-        let filled = (high & empty) | (here[column] & !empty);
-        to[column] = filled;
-        to[WIDTH + column] = (low & empty) | (here[WIDTH + column] & !empty);
-        left |= -i16::from(filled == NOTHING) & INSIDE[column];
+        let filled = (high & empty) | (before[column] & !empty);
+        here[column] = filled;
+        here[WIDTH + column] = (low & empty) | (before[WIDTH + column] & !empty);
+        let nothing = -i16::from(filled == NOTHING);
+        left |= nothing & INSIDE[column];
+        known |= !nothing & INSIDE[column];
     }
-    left != 0
+    Census { gap: left != 0, known: known != 0 }
 }
 
 /// Largest minus smallest over 5 x 5 cells, or over 3 x 3 where that is less than three eighths of it: the edge is then further off
 /// than a cell. `i16::MIN` where nothing is known and no neighbour reaches: nothing to judge.
 #[inline(never)]
-fn span([a, b, c, d, e]: [&Row; 5], out: &mut [i16; TILE_SIDE]) {
-    let mut three = [NOTHING; 2 * WIDTH];
+fn span(
+    [Row(a), Row(b), Row(c), Row(d), Row(e)]: [&Row; 5],
+    out: &mut [i16; TILE_SIDE],
+    largest: &mut [i16; TILE_SIDE],
+) {
+    let (mut three, mut five) = (Row::EMPTY, Row::EMPTY);
+    let (Row(three), Row(five)) = (&mut three, &mut five);
     for column in 0..2 * WIDTH {
         three[column] = b[column].max(c[column]).max(d[column]);
+        five[column] = three[column].max(a[column]).max(e[column]);
     }
-    let mut five = [NOTHING; 2 * WIDTH];
-    for column in 0..2 * WIDTH {
-        five[column] = a[column].max(e[column]).max(three[column]);
-    }
-    for (column, risen) in out.iter_mut().enumerate() {
+    for (column, (risen, largest)) in out.iter_mut().zip(largest).enumerate() {
         let at = WING + column;
         let over_five = |at: usize| {
             let (near, far) = (five[at - 1].max(five[at + 1]), five[at - 2].max(five[at + 2]));
@@ -226,5 +269,6 @@ fn span([a, b, c, d, e]: [&Row; 5], out: &mut [i16; TILE_SIDE]) {
         let relief = (near & far_edge) | (wide & !far_edge);
         let nothing = -i16::from(c[at] == NOTHING);
         *risen = (NOTHING & nothing) | (relief & !nothing);
+        *largest = (*largest).max(*risen);
     }
 }

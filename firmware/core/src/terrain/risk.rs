@@ -5,6 +5,9 @@
 //! risk is min(1, tan(angle)): with R = 0.32 m a step of 3.4 cm is 0.5, 5 cm 0.64, 9.4 cm 1. At half the load a wheel
 //! is pushed back as hard as by full braking on a wet road: slow down. At the full load it stops.
 
+use super::relief::Relief;
+use super::tile::TILE_CELLS;
+
 /// Risk from which to slow down: 0.5.
 pub const SLOW: u8 = 128;
 /// Risk from which to stop: 0.98, a 9 cm step with the default wheel.
@@ -33,8 +36,8 @@ impl Decision {
     }
 }
 
-/// Steps of the table, one for each half millimetre of relief: the last is 15.9 cm, and every larger one.
-const STEPS: usize = 320;
+/// Steps of the table, one for each half millimetre of relief: the last is 25.6 cm, and every larger one.
+const STEPS: usize = 512;
 
 /// Relief to risk, tabulated for one wheel.
 pub(crate) struct RiskTable([u8; STEPS]);
@@ -49,19 +52,21 @@ impl RiskTable {
         Self(table)
     }
 
-    /// Risk of a relief in quarter millimetres.
-    #[inline(always)]
-    fn of(&self, relief: i16) -> u8 {
-        // 0 to 319: the bound is the table's.
-        let step = usize::from((relief.max(0).unsigned_abs() >> 1).min(STEPS as u16 - 1));
-        self.0[step]
-    }
-
-    /// Risks of reliefs.
-    pub(crate) fn tell(&self, reliefs: &[i16], risks: &mut [u8]) {
-        for (risk, relief) in risks.iter_mut().zip(reliefs) {
-            *risk = self.of(*relief);
+    /// Risks of reliefs in quarter millimetres.
+    pub(crate) fn tell(&self, reliefs: &Relief, risks: &mut [u8; TILE_CELLS]) {
+        let mut steps = [0; TILE_CELLS];
+        step(reliefs, &mut steps);
+        for (risk, step) in risks.iter_mut().zip(steps) {
+            *risk = self.0[usize::from(step) & (STEPS - 1)];
         }
+    }
+}
+
+/// Entries of the table by relief: all at once, as vectors can.
+#[inline(never)]
+fn step(reliefs: &Relief, steps: &mut [u16; TILE_CELLS]) {
+    for (step, relief) in steps.iter_mut().zip(reliefs.as_flattened()) {
+        *step = ((*relief).max(0) >> 1).min(STEPS as i16 - 1) as u16;
     }
 }
 
@@ -102,6 +107,7 @@ pub fn advised_speed_mps(height_m: f32, length_m: f32, limit_mps2: f32) -> Optio
 
 #[cfg(test)]
 mod tests {
+    use super::super::tile::TILE_SIDE;
     use super::*;
 
     #[test]
@@ -114,8 +120,13 @@ mod tests {
     #[test]
     fn risk_never_falls_as_a_step_grows() {
         let table = RiskTable::new(320.0);
-        assert!((-10..1000i16).zip(-9..).all(|(low, high)| table.of(low) <= table.of(high)));
-        assert_eq!((table.of(-5), table.of(i16::MAX)), (0, 255));
+        let of = |relief| {
+            let mut risks = [0; TILE_CELLS];
+            table.tell(&[[relief; TILE_SIDE]; TILE_SIDE], &mut risks);
+            risks[0]
+        };
+        assert!((-10..1000i16).zip(-9..).all(|(low, high)| of(low) <= of(high)));
+        assert_eq!((of(-5), of(i16::MAX)), (0, 255));
     }
 
     #[test]

@@ -19,23 +19,21 @@ const ROWS_PER_TANGENT: f32 = ROWS as f32 / 0.65;
 /// Storage of the range image: farthest horizontal range a pixel, centimetres; 0 where nothing was seen.
 pub type RangePixels = [u16; COLUMNS * ROWS];
 
-/// Where a point lies as seen from the sensor.
+/// Where a point lies in the plan, as seen from the sensor.
 #[derive(Clone, Copy)]
-pub(crate) struct Direction {
+pub(crate) struct Bearing {
     /// Part of a turn off straight ahead, positive to the left, -1/2 to 1/2: the diamond angle, within 0.011 of the true one.
     pub(crate) turn: f32,
     /// Horizontal range within 0.1 %, m.
     pub(crate) range: f32,
-    /// Row of the image as a real number.
-    row: f32,
 }
 
 /// sqrt(1/2 + 2 q) for q of 0 to 1/4, by the cubic through Chebyshev's points: within 0.1 %.
 const RANGE: [f32; 4] = [0.707_18, 1.404_687, -1.202_74, 1.079_352];
 
-impl Direction {
+impl Bearing {
     #[inline(always)]
-    pub(crate) fn of(x: f32, y: f32, z: f32) -> Self {
+    pub(crate) fn of(x: f32, y: f32) -> Self {
         let manhattan = x.abs() + y.abs();
         let manhattan = if manhattan > 0.01 { manhattan } else { 0.01 };
         let inverse = 1.0 / manhattan;
@@ -45,22 +43,48 @@ impl Direction {
         let off = y.abs() * inverse - 0.5;
         let q = off * off;
         let range = manhattan * (RANGE[0] + q * (RANGE[1] + q * (RANGE[2] + q * RANGE[3])));
-        let row = (z / range - LOWEST) * ROWS_PER_TANGENT;
-        Self { turn: if x >= 0.0 { side } else { behind }, range, row }
+        Self { turn: if x >= 0.0 { side } else { behind }, range }
+    }
+}
+
+/// The same, and how high.
+#[derive(Clone, Copy)]
+pub(crate) struct Direction {
+    turn: f32,
+    pub(crate) range: f32,
+    /// Row of the image as a real number.
+    row: f32,
+}
+
+impl Direction {
+    /// Of a point at a bearing and `z` metres above the sensor.
+    #[inline(always)]
+    pub(crate) fn at(bearing: Bearing, z: f32) -> Self {
+        let Bearing { turn, range } = bearing;
+        Self { turn, range, row: (z / range - LOWEST) * ROWS_PER_TANGENT }
+    }
+
+    fn of([x, y, z]: [f32; 3]) -> Self {
+        Self::at(Bearing::of(x, y), z)
     }
 
     #[inline(always)]
-    fn column(&self) -> i32 {
+    pub(crate) fn column(&self) -> i32 {
         // Half a turn to each side: from 1/2 to 3/2 of the columns, modulo their number.
         below((self.turn + 1.0) * COLUMNS as f32) & (COLUMNS as i32 - 1)
     }
 
-    /// Pixel of the image; -1 above and below it.
+    /// Neither above the image nor below it.
+    #[inline(always)]
+    pub(crate) fn is_inside(&self) -> bool {
+        (self.row >= 0.0) & (self.row < ROWS as f32)
+    }
+
+    /// Pixel of the image, for a direction inside it.
     #[inline(always)]
     pub(crate) fn pixel(&self) -> i32 {
         // Times 112 = 128 - 16, which vector units do without a multiplication.
-        let pixel = (self.column() << 7) - (self.column() << 4) + below(self.row);
-        pixel | -i32::from(!((self.row >= 0.0) & (self.row < ROWS as f32)))
+        (self.column() << 7) - (self.column() << 4) + below(self.row)
     }
 }
 
@@ -77,26 +101,22 @@ pub(crate) struct RangeImage<'a> {
     standing: [u16; COLUMNS],
 }
 
-/// Column of a pixel; none for -1.
-#[inline(always)]
-pub(crate) fn column_of(pixel: i32) -> u16 {
-    // The largest pixel is 114,687; -1 comes out beyond the columns.
-    ((pixel as u32) / ROWS as u32).min(u32::from(u16::MAX)) as u16
-}
-
 impl<'a> RangeImage<'a> {
     pub(crate) fn new(pixels: &'a mut RangePixels) -> Self {
         pixels.fill(0);
         Self { pixels, standing: [OPEN; COLUMNS] }
     }
 
-    pub(crate) fn clear(&mut self) {
-        self.pixels.fill(0);
+    /// Ready for a frame; for its pixels only if they will be looked at.
+    pub(crate) fn clear(&mut self, see: bool) {
+        if see {
+            self.pixels.fill(0);
+        }
         self.standing = [OPEN; COLUMNS];
     }
 
     /// Something stands here.
-    pub(crate) fn stand(&mut self, column: u16, range_cm: u16) {
+    pub(crate) fn stand(&mut self, (column, range_cm): (u16, u16)) {
         if let Some(nearest) = self.standing.get_mut(usize::from(column)) {
             *nearest = (*nearest).min(range_cm);
         }
@@ -115,7 +135,7 @@ impl<'a> RangeImage<'a> {
     /// Whether a point `below` the sensor (quarter millimetres) is seen beneath something that stands: its ray passed that thing's range at less
     /// than `stands` (quarter millimetres) above the point's own level, which is too low to have passed over it.
     #[inline]
-    pub(crate) fn is_beneath(&self, column: u16, range_cm: u16, below: i32, stands: i32) -> bool {
+    pub(crate) fn is_beneath(&self, (column, range_cm): (u16, u16), below: i32, stands: i32) -> bool {
         let nearest = self.standing.get(usize::from(column)).copied().unwrap_or(OPEN);
         let behind = range_cm.saturating_sub(nearest);
         if behind <= FACE_CM || behind > LONGEST_CM {
@@ -136,7 +156,7 @@ impl<'a> RangeImage<'a> {
 
     /// How many pixels that look through the upright line from `foot` to `head` (sensor axes, metres) end beyond it, and how many at or before it.
     pub(crate) fn through(&self, foot: [f32; 3], head: [f32; 3]) -> (u32, u32) {
-        let (foot, head) = (Direction::of(foot[0], foot[1], foot[2]), Direction::of(head[0], head[1], head[2]));
+        let (foot, head) = (Direction::of(foot), Direction::of(head));
         let (column, range, low, high) = (foot.column() as usize, foot.range, foot.row, head.row);
         let first = low.max(0.0) as usize + usize::from(low > 0.0);
         let last = high.min(ROWS as f32 - 1.0).max(0.0) as usize;
@@ -166,7 +186,7 @@ mod tests {
     fn the_diamond_azimuth_gives_horizontal_range_all_round() {
         for step in 0..3600 {
             let (sin, cos) = libm::sincosf(step as f32 * 0.001745);
-            let direction = Direction::of(30.0 * cos, 30.0 * sin, -1.9);
+            let direction = Direction::of([30.0 * cos, 30.0 * sin, -1.9]);
             assert!((direction.range - 30.0).abs() < 0.03, "{step}: {}", direction.range);
             assert!((direction.row - (0.5 - 1.9 / 30.0) * ROWS_PER_TANGENT).abs() < 0.02);
         }
@@ -176,15 +196,15 @@ mod tests {
     fn a_point_is_beneath_what_stands_before_it_unless_its_ray_passed_above() {
         let mut pixels = std::boxed::Box::new([0; COLUMNS * ROWS]);
         let mut image = RangeImage::new(&mut pixels);
-        image.stand(1023, 4000);
+        image.stand((1023, 4000));
         image.widen();
         // From 1.9 m up. At 41 m the ray was 5 cm above the ground where the thing stands; at 45 m 21 cm; at 60 m, and behind a car's length, far more.
-        let beneath = |column, range_cm| image.is_beneath(column, range_cm, 7600, 1400);
+        let beneath = |column, range_cm| image.is_beneath((column, range_cm), 7600, 1400);
         assert!(beneath(1023, 4100) && beneath(0, 4500) && beneath(1022, 4100));
         assert!(!beneath(1, 4100) && !beneath(1023, 4600) && !beneath(1023, 3900) && !beneath(1023, 4010));
         assert!(!beneath(u16::MAX, 4100));
         // From 10 m up the same ray passes over it.
-        assert!(!image.is_beneath(1023, 4300, 40_000, 1400));
+        assert!(!image.is_beneath((1023, 4300), 40_000, 1400));
     }
 
     #[test]
@@ -195,7 +215,7 @@ mod tests {
             for up in 0..20 {
                 let scale = 40.0;
                 let (y, z) = (step as f32 * 0.1, scale * (-0.05 + up as f32 * 0.003));
-                let seen = Direction::of(scale, y, z);
+                let seen = Direction::of([scale, y, z]);
                 image.see(&[seen.pixel()], &[(seen.range * 100.0) as i32]);
             }
         }

@@ -44,14 +44,7 @@ pub(crate) fn measure(tile: &mut Tile, review: Option<u8>) {
 
 /// Medians that stand on many pairs are kept until an eighth of the tile's cells has been added: they hardly move.
 fn survey(tile: &mut Tile) {
-    let mut known = 0i32;
-    let mut sum = 0i32;
-    for (height, margin) in tile.height.iter().zip(&tile.margin) {
-        let mask = -i32::from(*margin != 0);
-        known -= mask;
-        // 256 x 32,000 stays within 31 bits.
-        sum += i32::from(*height) & mask;
-    }
+    let (known, sum) = census(&tile.height, &tile.margin);
     tile.known = known as u16;
     tile.ground = sum.checked_div(known).unwrap_or(0) as i16;
     if tile.pairs.iter().all(|pairs| u16::from(*pairs) >= SURE) && tile.known.abs_diff(tile.surveyed) < tile.known >> 3
@@ -60,24 +53,35 @@ fn survey(tile: &mut Tile) {
     }
     tile.surveyed = tile.known;
     let padded = Padded::of(tile);
-    let (x, x_pairs) = median_rise(&padded, 1);
-    let (y, y_pairs) = median_rise(&padded, TILE_SIDE);
+    let (x, x_pairs) = median_rise::<true>(&padded);
+    let (y, y_pairs) = median_rise::<false>(&padded);
     tile.own_rise = [x, y];
     tile.pairs = [x_pairs, y_pairs];
+}
+
+/// Known cells, and the sum of their heights.
+#[inline(never)]
+fn census(heights: &Rises, margins: &[u8; TILE_CELLS]) -> (i32, i32) {
+    let (mut known, mut sum) = (0i16, 0i32);
+    for cell in 0..TILE_CELLS {
+        let mask = -i16::from(margins[cell] != 0);
+        known -= mask;
+        // 256 x 32,000 stays within 31 bits. As a product it is one instruction for eight cells.
+        sum -= i32::from(heights[cell]) * i32::from(mask);
+    }
+    (i32::from(known), sum)
 }
 
 /// Empties cells high above the level that a tenth of the tile's cells keep below, its gradient taken out, unless they bear the stamp; whether there
 /// were any.
 fn give_up_impressions(tile: &mut Tile, stamp: u8) -> bool {
     let mut levels = [NONE; TILE_CELLS];
-    for (index, (level, (height, margin))) in levels.iter_mut().zip(tile.height.iter().zip(&tile.margin)).enumerate() {
-        if *margin != 0 {
-            let (column, row) = ((index & 15) as i32 - 8, (index >> 4) as i32 - 8);
-            let slope = (i32::from(tile.own_rise[0]) * column + i32::from(tile.own_rise[1]) * row) / SPAN as i32;
-            *level = (i32::from(*height) - slope).clamp(-32_000, 32_000) as i16;
-        }
+    let [lowest, highest] = level(&tile.height, &tile.margin, tile.own_rise, &mut levels);
+    // The floor is not below the lowest.
+    if highest <= lowest.saturating_add(IMPRESSION) {
+        return false;
     }
-    let floor = quantile(32_000, tile.known / 10 + 1, |bound| at_most(&levels, bound));
+    let floor = quantile([lowest, highest], tile.known / 10 + 1, |bound| at_most(&levels, bound));
     let mut any = false;
     for (index, level) in levels.iter().enumerate() {
         let seen = tile.held[index & 255].stamp;
@@ -89,64 +93,98 @@ fn give_up_impressions(tile: &mut Tile, stamp: u8) -> bool {
     any
 }
 
+/// Heights with the gradient taken out, `NONE` where nothing is known; the lowest and the highest (at least 0).
+#[inline(never)]
+fn level(heights: &Rises, margins: &[u8; TILE_CELLS], rise: [i16; 2], out: &mut Rises) -> [i16; 2] {
+    let (mut lowest, mut highest) = ([NONE; TILE_SIDE], [0; TILE_SIDE]);
+    let mut along = [0i16; TILE_SIDE];
+    // Rises are at most STEEPEST: both products stay within 6,000.
+    for (column, along) in along.iter_mut().enumerate() {
+        *along = rise[0].wrapping_mul(column as i16 - 8);
+    }
+    let cells = heights.as_chunks::<TILE_SIDE>().0.iter().zip(margins.as_chunks::<TILE_SIDE>().0);
+    for (row, ((heights, margins), out)) in cells.zip(out.as_chunks_mut::<TILE_SIDE>().0).enumerate() {
+        let up = rise[1].wrapping_mul(row as i16 - 8);
+        for column in 0..TILE_SIDE {
+            let slope = along[column].wrapping_add(up) / SPAN as i16;
+            let level = heights[column].saturating_sub(slope).clamp(-32_000, 32_000);
+            let known = -i16::from(margins[column] != 0);
+            let level = (level & known) | (NONE & !known);
+            out[column] = level;
+            lowest[column] = lowest[column].min(level);
+            highest[column] = highest[column].max(level & known);
+        }
+    }
+    [lowest.iter().copied().fold(NONE, i16::min), highest.iter().copied().fold(0, i16::max)]
+}
+
 type Rises = [i16; TILE_CELLS];
 
-/// Heights of a tile, and all ones where they are known, and behind them as many unknown ones as the longest span reaches over the end.
+/// Heights of a tile as the starts of differences and as their ends: unknown ones lie so far down, and up, that whatever differs from one differs by
+/// more than the limit, as heights are within `HIGHEST`. Behind the ends as many unknown ones as the longest span reaches over the tile's.
 struct Padded {
-    height: [i16; 2 * TILE_CELLS],
-    known: [i16; 2 * TILE_CELLS],
+    starts: Rises,
+    ends: [i16; TILE_CELLS + PAST],
 }
+
+/// Eight rows.
+const PAST: usize = 8 * TILE_SIDE;
 
 impl Padded {
     fn of(tile: &Tile) -> Self {
-        let mut out = Self { height: [0; 2 * TILE_CELLS], known: [0; 2 * TILE_CELLS] };
-        if let Some(height) = out.height.first_chunk_mut() {
-            *height = tile.height;
-        }
-        for (known, margin) in out.known.iter_mut().zip(&tile.margin) {
-            *known = -i16::from(*margin != 0);
+        let mut out = Self { starts: [0; TILE_CELLS], ends: [i16::MAX; TILE_CELLS + PAST] };
+        if let Some(ends) = out.ends.first_chunk_mut() {
+            spread(&tile.height, &tile.margin, &mut out.starts, ends);
         }
         out
     }
+}
 
-    /// Heights and masks from a cell on.
-    fn from(&self, cell: usize) -> Option<(&Rises, &Rises)> {
-        Some((self.height.get(cell..)?.first_chunk()?, self.known.get(cell..)?.first_chunk()?))
+#[inline(never)]
+fn spread(heights: &Rises, margins: &[u8; TILE_CELLS], starts: &mut Rises, ends: &mut Rises) {
+    for cell in 0..TILE_CELLS {
+        let known = -i16::from(margins[cell] != 0);
+        starts[cell] = (heights[cell] & known) | (i16::MIN & !known);
+        ends[cell] = (heights[cell] & known) | (i16::MAX & !known);
     }
 }
 
-/// Median of the rises over four cells along x (`stride` 1) or y (`stride` 16), and how much it is worth: the pairs behind it, at most five for
+/// Median of the rises over four cells along x (`ALONG`) or y, and how much it is worth: the pairs behind it, at most five for
 /// each line that they begin on. A sparse tile uses another span where that has more pairs.
 ///
 /// Every line across the rise has the same vote, however many pairs begin on it. Far off, the face of a bump is hit by every ring while the road
 /// before it is crossed here and there and the road behind it lies in its shadow: pair by pair, the face would be the tile's gradient.
-fn median_rise(padded: &Padded, stride: usize) -> (i16, u8) {
-    let mut best = [NONE; TILE_CELLS];
-    let (mut pairs, mut over) = (0, SPAN);
-    let mut tried = [NONE; TILE_CELLS];
+fn median_rise<const ALONG: bool>(padded: &Padded) -> (i16, u8) {
+    let mut rises = [[NONE; TILE_CELLS]; 2];
+    let mut best = Found { pairs: 0, bounds: [0; 2] };
+    let mut over = SPAN;
     for span in [SPAN, 8, 3] {
-        let count = rises(padded, stride, span, &mut tried);
-        if count > pairs {
-            (best, pairs, over) = (tried, count, span);
+        let [held, tried] = &mut rises;
+        let found = find::<ALONG>(padded, span, tried);
+        if found.pairs > best.pairs {
+            core::mem::swap(held, tried);
+            (best, over) = (found, span);
         }
-        if pairs >= 20 {
+        if best.pairs >= 20 {
             break;
         }
     }
-    if pairs == 0 {
+    if best.pairs == 0 {
         return (0, 0);
     }
-    let (votes, total, lines) = votes(&best, stride);
-    let median = i32::from(quantile(limit(over), (total + 1) >> 1, |bound| weight_at_most(&best, &votes, bound)));
+    let [rises, _] = &rises;
+    let (votes, total, lines) = votes::<ALONG>(rises);
+    let at_most = |bound| weight_at_most(rises, &votes, bound);
+    let median = i32::from(quantile(best.bounds, (total + 1) >> 1, at_most));
     let over_four = median * SPAN as i32 / over.max(1) as i32;
-    (over_four as i16, pairs.min(5 * lines).min(255) as u8)
+    (over_four as i16, best.pairs.min(5 * lines).min(255) as u8)
 }
 
 /// The vote of each pair: a line's 240 divided by its pairs, at most 60; their sum, and the lines that have pairs.
-fn votes(rises: &Rises, stride: usize) -> (Rises, u16, u16) {
+fn votes<const ALONG: bool>(rises: &Rises) -> (Rises, u16, u16) {
     let mut counts = [0u16; TILE_SIDE];
     for (row, rises) in rises.as_chunks::<TILE_SIDE>().0.iter().enumerate() {
-        if stride == 1 {
+        if ALONG {
             for (count, rise) in counts.iter_mut().zip(rises) {
                 *count += u16::from(*rise != NONE);
             }
@@ -154,58 +192,69 @@ fn votes(rises: &Rises, stride: usize) -> (Rises, u16, u16) {
             counts[row & 15] = rises.iter().map(|rise| u16::from(*rise != NONE)).sum();
         }
     }
-    let each = counts.map(|count| 240u16.checked_div(count.max(4)).unwrap_or(0) as i16);
+    let each = counts.map(|count| VOTES[usize::from(count) & 31]);
     let mut votes = [0; TILE_CELLS];
     for (row, out) in votes.as_chunks_mut::<TILE_SIDE>().0.iter_mut().enumerate() {
-        *out = if stride == 1 { each } else { [each[row & 15]; TILE_SIDE] };
+        *out = if ALONG { each } else { [each[row & 15]; TILE_SIDE] };
     }
     // 16 lines of 240 at most.
     let total = counts.iter().zip(each).map(|(count, each)| count * each as u16).sum();
     (votes, total, counts.iter().map(|count| u16::from(*count > 0)).sum())
 }
 
-fn limit(span: usize) -> i16 {
-    STEEPEST / SPAN as i16 * span as i16
+/// 240 divided by the pairs of a line, of which there are at most 16; at most 60.
+const VOTES: [i16; 32] = {
+    let mut votes = [60; 32];
+    let mut pairs = 5;
+    while pairs < votes.len() {
+        votes[pairs] = 240 / pairs as i16;
+        pairs += 1;
+    }
+    votes
+};
+
+/// Pairs, and bounds of their rises.
+struct Found {
+    pairs: u16,
+    bounds: [i16; 2],
 }
 
-fn rises(padded: &Padded, stride: usize, span: usize, out: &mut Rises) -> u16 {
-    if let (Some(starts), Some(ends)) = (padded.from(0), padded.from(span * stride)) {
-        differences(starts, ends, limit(span), out);
-    }
-    if stride == 1 {
-        without_partner(out, span);
-    }
-    at_most(out, NONE - 1)
-}
-
-/// The last columns have no partner in their own row.
-#[inline(never)]
-fn without_partner(rises: &mut Rises, span: usize) {
-    let mut none = [0; TILE_SIDE];
-    for (column, none) in none.iter_mut().enumerate() {
-        *none = if column + span < TILE_SIDE { i16::MIN } else { NONE };
-    }
-    for row in rises.as_chunks_mut::<TILE_SIDE>().0 {
-        for column in 0..TILE_SIDE {
-            row[column] = row[column].max(none[column]);
+fn find<const ALONG: bool>(padded: &Padded, span: usize, out: &mut Rises) -> Found {
+    let none = Found { pairs: 0, bounds: [0; 2] };
+    let stride = if ALONG { 1 } else { TILE_SIDE };
+    let Some(ends) = padded.ends.get(span * stride..).and_then(|ends| ends.first_chunk()) else { return none };
+    let mut partner = [-1i16; TILE_SIDE];
+    if ALONG {
+        // The last columns have no partner in their own row.
+        for (column, partner) in partner.iter_mut().enumerate() {
+            *partner = -i16::from(column + span < TILE_SIDE);
         }
     }
+    differences(&padded.starts, ends, &partner, STEEPEST / SPAN as i16 * span as i16, out)
 }
 
-/// Ends less starts where both are known and they differ by no more than the limit.
+/// Ends less starts where both are known, in the columns that have a partner, and they differ by no more than the limit.
 #[inline(never)]
-fn differences((starts, from): (&Rises, &Rises), (ends, to): (&Rises, &Rises), limit: i16, out: &mut Rises) {
-    for cell in 0..TILE_CELLS {
-        let difference = ends[cell].wrapping_sub(starts[cell]);
-        let sound = from[cell] & to[cell] & -i16::from(difference >= -limit) & -i16::from(difference <= limit);
-        out[cell] = (difference & sound) | (NONE & !sound);
+fn differences(starts: &Rises, ends: &Rises, partner: &[i16; TILE_SIDE], limit: i16, out: &mut Rises) -> Found {
+    let (mut least, mut most, mut count) = ([0i16; TILE_SIDE], [0i16; TILE_SIDE], [0i16; TILE_SIDE]);
+    for row in 0..TILE_SIDE {
+        for column in 0..TILE_SIDE {
+            let cell = TILE_SIDE * row + column;
+            let difference = ends[cell].saturating_sub(starts[cell]);
+            let sound = -i16::from(difference.min(limit).max(-limit) == difference) & partner[column];
+            out[cell] = (difference & sound) | (NONE & !sound);
+            least[column] = least[column].min(difference & sound);
+            most[column] = most[column].max(difference & sound);
+            count[column] -= sound;
+        }
     }
+    let bounds = [least.iter().copied().fold(0, i16::min), most.iter().copied().fold(0, i16::max)];
+    Found { pairs: count.iter().sum::<i16>() as u16, bounds }
 }
 
-/// Smallest value from `-limit` to `limit` at or below which lies at least `share`, by bisection on the value: summing up is a branchless pass
+/// Smallest value within the bounds at or below which lies at least `share`, by bisection on the value: summing up is a branchless pass
 /// over 256 words.
-fn quantile(limit: i16, share: u16, at_most: impl Fn(i16) -> u16) -> i16 {
-    let (mut low, mut high) = (-limit, limit);
+fn quantile([mut low, mut high]: [i16; 2], share: u16, at_most: impl Fn(i16) -> u16) -> i16 {
     while low < high {
         let middle = ((i32::from(low) + i32::from(high)) >> 1) as i16;
         if at_most(middle) >= share {

@@ -24,7 +24,7 @@ const EDGE: i32 = 160;
 pub(crate) fn raise(window: &mut Window<'_>, marks: &Board<'_>, by: u8, stamp: u8) {
     for (slot, mark) in marks.touched().filter(|(_, mark)| mark.any_hit) {
         let Some(tile) = window.tiles.get_mut(slot) else { continue };
-        tile.in_use = true;
+        tile.begin();
         tile.has_tall = true;
         tile.dirty = true;
         for (index, tall) in tile.tall.iter_mut().enumerate() {

@@ -2,7 +2,7 @@
 //!
 //! A cell takes eight bytes: height, weight, margin, scatter, stamp and tall counter, each in a plane of its own so
 //! that the differentiation reads whole rows of one quantity. Heights are quarter millimetres above the tile's own
-//! datum, +/-8 m, which a 1.6 m tile cannot exceed; weights are 4096 / variance in mm^2, so that a weight of 16 is a
+//! datum, +/-7.75 m, which a 1.6 m tile cannot exceed; weights are 4096 / variance in mm^2, so that a weight of 16 is a
 //! sigma of 16 mm and the cap of 4096 a sigma of 1 mm: capped, so that the map follows a road that changes.
 //! Two more bytes hold what is derived from the cell: risk and class.
 
@@ -16,8 +16,10 @@ pub const UNITS_PER_M: f32 = 4000.0;
 pub(crate) const WEIGHT_ONE: f32 = 4096.0;
 /// Largest weight of a cell: sigma 1 mm.
 pub(crate) const WEIGHT_CAP: u16 = 4096;
-/// Furthest from the tile's base, quarter millimetres.
-const HIGHEST: u32 = 32_000;
+/// Furthest from the tile's base, quarter millimetres: further from the ends of 16 bits than any rise that `slope` believes.
+const HIGHEST: u32 = 31_000;
+/// Base of a tile that is not in use: further from any height than `HIGHEST`.
+const NO_BASE: i32 = i32::MIN;
 /// A point this far from its cell is not the same surface, 0.25 m. One below it restarts the cell: what it held has gone.
 const ANOTHER: u32 = 1000;
 /// Scatter, in mm, from which a contradicted cell starts again.
@@ -131,7 +133,7 @@ impl Tile {
     /// A tile that holds nothing.
     pub const EMPTY: Self = Self {
         key: TileKey { x: 0, y: 0 },
-        base: 0,
+        base: NO_BASE,
         ground: 0,
         known: 0,
         surveyed: 0,
@@ -184,46 +186,59 @@ impl Tile {
         }
     }
 
-    /// Minimum-variance update of a cell with one point. `z` is above the map's datum.
-    #[inline(always)]
-    pub(crate) fn fuse(&mut self, cell: u8, z: i32, weight: u16, stamp: u8, margins: &[u8; 256]) {
-        let index = usize::from(cell);
+    /// Takes the tile into use for something that stands on ground that is not known.
+    pub(crate) fn begin(&mut self) {
         if !self.in_use {
-            self.in_use = true;
-            self.base = z;
+            (self.in_use, self.base) = (true, 0);
         }
+    }
+
+    /// Minimum-variance update of a cell with one point. `z` is above the map's datum, the weight 1 to 65,535.
+    #[inline(always)]
+    pub(crate) fn fuse(&mut self, cell: u8, z: i32, weight: u32, by: &Update<'_>) {
+        let index = usize::from(cell);
         let relative = z.wrapping_sub(self.base);
-        if relative.unsigned_abs() > HIGHEST {
-            // More than 8 m from the tile's first point: no ground of the same 1.6 m.
+        // Both bounds at once: beyond either it is larger than twice the highest.
+        if relative.wrapping_add(HIGHEST as i32) as u32 > 2 * HIGHEST {
+            self.fuse_far(cell, z, weight, by);
             return;
         }
         self.dirty = true;
         let height = i32::from(self.height[index]);
         let difference = relative.wrapping_sub(height);
-        if self.margin[index] == 0 || difference.unsigned_abs() > ANOTHER {
-            self.contradict(index, relative, weight, stamp, margins);
+        let off = difference.unsigned_abs();
+        let Held { weight: old, scatter, .. } = self.held[index];
+        if old == 0 || off > ANOTHER {
+            self.contradict(cell, relative, weight, by);
             return;
         }
-        let held = &mut self.held[index];
-        let (old, new) = (u32::from(held.weight), u32::from(weight));
-        let sum = old + new;
-        // Half away from zero. |difference| <= 1000 and weights of 16 bits: 28 bits; and it ends between the two heights.
-        let off = difference.unsigned_abs();
-        let step = (2 * off * new + sum).checked_div(2 * sum).unwrap_or(0) as i32;
-        let scatter = i32::from(held.scatter);
+        let sum = u32::from(old) + weight;
+        // Half away from zero. off <= 1000 and weights of 16 bits: 28 bits; and it ends between the two heights.
+        let step = (2 * off * weight + sum).checked_div(2 * sum).unwrap_or(0) as i32;
         // Between the two again: an eighth of the way.
-        let spread = (scatter + (((off >> 2).min(255) as i32 - scatter + 4) >> 3)) as u8;
+        let spread = (i32::from(scatter) + (((off >> 2) as i32 - i32::from(scatter) + 4) >> 3)) as u8;
         let weight = sum.min(u32::from(WEIGHT_CAP)) as u16;
-        *held = Held { weight, scatter: spread, stamp };
+        self.held[index] = Held { weight, scatter: spread, stamp: by.stamp };
         self.height[index] = (if difference < 0 { height - step } else { height + step }) as i16;
-        self.margin[index] = margin(weight, spread, margins);
+        self.margin[index] = margin(weight, spread, by.margins);
+    }
+
+    /// A point far off the tile's base: it sets the base of a tile that has none. Else it is more than 7.75 m from the tile's first point, no ground
+    /// of the same 1.6 m.
+    #[inline(never)]
+    fn fuse_far(&mut self, cell: u8, z: i32, weight: u32, by: &Update<'_>) {
+        if !self.in_use {
+            (self.in_use, self.base, self.dirty) = (true, z, true);
+            self.contradict(cell, 0, weight, by);
+        }
     }
 
     /// A point of a cell that is not known, or that is known to lie elsewhere.
-    fn contradict(&mut self, index: usize, height: i32, weight: u16, stamp: u8, margins: &[u8; 256]) {
-        let index = index & 255;
+    #[inline(never)]
+    fn contradict(&mut self, cell: u8, height: i32, weight: u32, by: &Update<'_>) {
+        let index = usize::from(cell);
         let held = &mut self.held[index];
-        held.stamp = stamp;
+        held.stamp = by.stamp;
         if self.margin[index] != 0 && height > i32::from(self.height[index]) {
             // A cell made by a stray low point must not hold out against the ground above it for ever.
             held.scatter = held.scatter.saturating_add(60);
@@ -231,9 +246,10 @@ impl Tile {
                 return;
             }
         }
-        *held = Held { weight, scatter: 0, stamp };
+        let weight = weight as u16;
+        *held = Held { weight, scatter: 0, stamp: by.stamp };
         self.height[index] = height as i16;
-        self.margin[index] = margin(weight, 0, margins);
+        self.margin[index] = margin(weight.min(WEIGHT_CAP), 0, by.margins);
     }
 
     /// Empties a cell.
@@ -246,19 +262,28 @@ impl Tile {
     }
 }
 
+/// What the updates of a frame have in common.
+pub(crate) struct Update<'a> {
+    pub(crate) margins: &'a Margins,
+    pub(crate) stamp: u8,
+}
+
 /// Tall hits from which a cell counts as tall: one may be dust.
 pub(crate) const TALL_CERTAIN: u8 = 2;
 
-#[inline]
-fn margin(weight: u16, scatter: u8, margins: &[u8; 256]) -> u8 {
-    margins[usize::from((weight >> 4).min(255)) & 255].saturating_add(scatter)
+/// 0.7 sigma in quarter millimetres by weight / 16.
+pub(crate) type Margins = [u8; 512];
+
+#[inline(always)]
+fn margin(weight: u16, scatter: u8, margins: &Margins) -> u8 {
+    margins[usize::from(weight >> 4) & 511].saturating_add(scatter)
 }
 
-/// 0.7 sigma in quarter millimetres by weight / 16; never 0, which means unknown. Below a weight of 16 it stays at 16 mm.
-pub(crate) fn margin_table() -> [u8; 256] {
-    let mut table = [45; 256];
+/// Never 0, which means unknown. Below a weight of 16 it stays at 16 mm, above 4080 at 0.7 mm.
+pub(crate) fn margin_table() -> Margins {
+    let mut table = [45; 512];
     for (index, entry) in table.iter_mut().enumerate().skip(1) {
-        let sigma_mm = libm::sqrtf(WEIGHT_ONE / (index as f32 * 16.0 + 8.0));
+        let sigma_mm = libm::sqrtf(WEIGHT_ONE / (index.min(255) as f32 * 16.0 + 8.0));
         *entry = (0.7 * 4.0 * sigma_mm + 0.5).clamp(1.0, 255.0) as u8;
     }
     table

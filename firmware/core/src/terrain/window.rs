@@ -134,6 +134,7 @@ fn key_in_window(slot: i32, origin: i32, side: i32) -> i32 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::tile::Update;
     use super::*;
 
     #[test]
@@ -162,7 +163,7 @@ mod tests {
         window.place(TileKey { x: -2, y: -2 }, |_| {});
         let table = super::super::tile::margin_table();
         let key = TileKey { x: 1, y: 2 };
-        window.tile_mut(key).unwrap().fuse(17, 4000, 100, 0, &table);
+        window.tile_mut(key).unwrap().fuse(17, 4000, 100, &Update { margins: &table, stamp: 0 });
         let mut retired = std::vec::Vec::new();
         for x in -1..8 {
             window.place(TileKey { x, y: -2 }, |tile| retired.push((x, tile.key())));
