@@ -12,12 +12,12 @@ use super::config::TerrainConfig;
 use super::geometry::{Pose, Step, Track};
 use super::marks::{Board, Lies, Marks, Tall};
 use super::project::{PointCounts, Projection, Sample, Targets, project};
-use super::relief::{Bench, Patch, Relief};
+use super::relief::{Patch, Relief};
 use super::risk::RiskTable;
 use super::sight::{RangeImage, RangePixels};
 use super::slope::{measure, pool};
 use super::standing::{look_through, raise};
-use super::tile::{Margins, TALL_CERTAIN, TILE_CELLS, Tile, TileKey, UNITS_PER_M, Update, margin_table};
+use super::tile::{Margins, TALL_CERTAIN, TILE_CELLS, TILE_SIDE, Tile, TileKey, UNITS_PER_M, Update, margin_table};
 use super::window::{Neighbours, Window};
 
 /// Beyond this, 20 m, a tile's risk is told half as often: at any speed there is time for it, and most tiles lie there.
@@ -348,6 +348,9 @@ impl<'a> TerrainMap<'a> {
         for sample in self.samples.get_mut(from..).unwrap_or_default() {
             let (slot, cell) = sample.at();
             let Some(mark) = self.marks.get_mut(slot) else { continue };
+            if mark.is_plain_ground(sample.z) {
+                continue;
+            }
             let lies = mark.stands(cell, sample.z, tall);
             if lies == Lies::Standing {
                 self.image.stand(sample.seen_at());
@@ -359,30 +362,27 @@ impl<'a> TerrainMap<'a> {
         }
     }
 
-    /// Fuses the samples from either end of the storage, in the order of the points.
+    /// Fuses the samples from either end of the storage, in the order of the points, but for those that are closed to this frame.
     fn fuse(&mut self, [front, back]: [usize; 2], (sensor, tall): (i32, Tall), counts: &mut PointCounts) {
         let from = self.samples.len().saturating_sub(back);
+        if counts.standing > 0 && self.marks.close_around_hits(&self.window) {
+            self.image.widen();
+            let (marks, image) = (&self.marks, &self.image);
+            let is_closed = |sample: &Sample| {
+                let (slot, cell) = sample.at();
+                let below = sensor.saturating_sub(sample.z);
+                marks
+                    .any(slot)
+                    .is_some_and(|mark| mark.is_closed(cell) || image.is_beneath(sample.seen_at(), below, tall.stands))
+            };
+            counts.beside_standing = leave_out(self.samples.get_mut(..front).unwrap_or_default(), is_closed)
+                + leave_out(self.samples.get_mut(from..).unwrap_or_default(), is_closed);
+        }
         let front = self.samples.get(..front).unwrap_or_default();
         let back = self.samples.get(from..).unwrap_or_default();
-        let closed = counts.standing > 0 && self.marks.close_around_hits(&self.window);
-        if closed {
-            self.image.widen();
-        }
-        let (marks, image) = (&self.marks, &self.image);
-        let is_open = |sample: &Sample, slot: usize, cell: u8| {
-            let below = sensor.saturating_sub(sample.z);
-            !(marks.get(slot).is_some_and(|mark| mark.is_closed(cell))
-                || image.is_beneath(sample.seen_at(), below, tall.stands))
-        };
-        let by = Update { margins: &self.margins, stamp: (self.frame & 255) as u8 };
+        let by = Update { margins: &self.margins, stamp: self.stamp() };
         let tiles = &mut *self.window.tiles;
-        let (first, then) = if closed {
-            (fuse_open(tiles, front.iter(), &by, is_open), fuse_open(tiles, back.iter().rev(), &by, is_open))
-        } else {
-            ([fuse_all(tiles, front.iter(), &by), 0], [fuse_all(tiles, back.iter().rev(), &by), 0])
-        };
-        counts.fused = first[0] + then[0];
-        counts.beside_standing = first[1] + then[1];
+        counts.fused = fuse(tiles, front.iter(), &by) + fuse(tiles, back.iter().rev(), &by);
     }
 
     /// Tells gradient, relief, risk and class of every tile anew, so that all of them stand on the same heights.
@@ -424,7 +424,8 @@ impl<'a> TerrainMap<'a> {
             }
         }
         let mut refreshed = 0;
-        let mut bench = Bench::EMPTY;
+        let mut patch = Patch::EMPTY;
+        let mut relief = [[0; TILE_SIDE]; TILE_SIDE];
         for slot in (first..self.window.tiles.len()).step_by(step) {
             let Some(tile) = self.window.tiles.get(slot) else { continue };
             if !due(slot, tile) {
@@ -432,14 +433,17 @@ impl<'a> TerrainMap<'a> {
             }
             let around = self.window.around(tile.key);
             let rise = pool(&self.window, &around, tile.key);
-            let relief = rise.and_then(|rise| {
-                let patch = Patch::gather(&around);
-                (!patch.is_empty()).then(|| relief_on_slopes(&patch, &around, rise, &mut bench))
-            });
+            let told = match rise {
+                Some(rise) if patch.gather(&around) => {
+                    relief_on_slopes(&mut patch, &around, rise, &mut relief);
+                    true
+                }
+                _ => false,
+            };
             if let Some(tile) = self.window.tiles.get_mut(slot) {
                 tile.dirty = false;
                 tile.rise = rise.unwrap_or(tile.rise);
-                store(tile, relief.as_ref(), &self.table);
+                store(tile, told.then_some(&relief), &self.table);
                 refreshed += 1;
             }
         }
@@ -466,9 +470,22 @@ impl<'a> TerrainMap<'a> {
     }
 }
 
+/// Leaves samples out; how many they were.
+#[inline(never)]
+fn leave_out(samples: &mut [Sample], is_closed: impl Fn(&Sample) -> bool) -> u32 {
+    let mut left_out = 0;
+    for sample in samples {
+        if is_closed(sample) {
+            sample.leave_out();
+            left_out += 1;
+        }
+    }
+    left_out
+}
+
 /// Fuses samples; how many they were. A loop of its own, so that all of it stays in registers.
 #[inline(never)]
-fn fuse_all<'s>(tiles: &mut [Tile], samples: impl Iterator<Item = &'s Sample>, by: &Update<'_>) -> u32 {
+fn fuse<'s>(tiles: &mut [Tile], samples: impl Iterator<Item = &'s Sample>, by: &Update<'_>) -> u32 {
     let mut taken = 0;
     for sample in samples {
         let (slot, cell) = sample.at();
@@ -479,36 +496,14 @@ fn fuse_all<'s>(tiles: &mut [Tile], samples: impl Iterator<Item = &'s Sample>, b
     taken
 }
 
-/// The same of cells that are open to them; how many were fused, and how many were not.
-#[inline(never)]
-fn fuse_open<'s>(
-    tiles: &mut [Tile],
-    samples: impl Iterator<Item = &'s Sample>,
-    by: &Update<'_>,
-    is_open: impl Fn(&Sample, usize, u8) -> bool,
-) -> [u32; 2] {
-    let mut taken = [0; 2];
-    for sample in samples {
-        let (slot, cell) = sample.at();
-        let Some(tile) = tiles.get_mut(slot) else { continue };
-        if is_open(sample, slot, cell) {
-            tile.fuse(cell, sample.z, sample.weight(), by);
-            taken[0] += 1;
-        } else {
-            taken[1] += 1;
-        }
-    }
-    taken
-}
-
 /// Relief under the tile's gradient, or under a neighbour's where that explains the heights better: where a ramp
 /// begins, half of a tile lies on one slope and half on the other, and neither is a step.
-fn relief_on_slopes(patch: &Patch, around: &Neighbours<'_>, rise: [i16; 2], bench: &mut Bench) -> Relief {
-    let (mut relief, largest) = patch.relief(rise, bench);
+fn relief_on_slopes(patch: &mut Patch, around: &Neighbours<'_>, rise: [i16; 2], relief: &mut Relief) {
     // 3 cm: below it nothing asks to slow down.
-    if largest < 120 {
-        return relief;
+    if patch.relief(rise, relief) < 120 {
+        return;
     }
+    let mut again = [[0; TILE_SIDE]; TILE_SIDE];
     let mut tried = [rise; 3];
     let mut count = 1;
     for (dx, dy) in [(-1, 0), (1, 0), (0, -1), (0, 1)] {
@@ -521,12 +516,11 @@ fn relief_on_slopes(patch: &Patch, around: &Neighbours<'_>, rise: [i16; 2], benc
         let Some(entry) = tried.get_mut(count).filter(|_| fresh) else { continue };
         *entry = other.rise;
         count += 1;
-        let (again, _) = patch.relief(other.rise, bench);
+        patch.relief(other.rise, &mut again);
         for (held, new) in relief.as_flattened_mut().iter_mut().zip(again.as_flattened()) {
             *held = (*held).min(*new);
         }
     }
-    relief
 }
 
 fn store(tile: &mut Tile, relief: Option<&Relief>, table: &RiskTable) {

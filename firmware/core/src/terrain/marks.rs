@@ -55,6 +55,8 @@ pub(crate) enum Lies {
     Ground,
     /// In a tile whose ground is not known yet.
     Unsettled,
+    /// In no tile of the window.
+    Nowhere,
 }
 
 /// Heights above the ground, quarter millimetres, from which a point stands and from which it hangs over.
@@ -83,6 +85,14 @@ impl Marks {
         boxed: [0; TILE_SIDE],
     };
 
+    /// Works out what is plainly ground, from the tile's ground and its gradient.
+    fn tell_plain(&mut self, stands: i32) {
+        // The lowest that the gradient leaves of it: in a corner.
+        let [along, across] = self.rise.map(|rise| rise.saturating_abs());
+        let corner = along.saturating_add(across).saturating_mul(-15) >> 3;
+        self.plain = self.ground.saturating_add(stands).saturating_add(corner);
+    }
+
     /// Whether a point is certainly ground: nearly all of it is, told by one comparison.
     #[inline(always)]
     pub(crate) fn is_plain_ground(&self, z: i32) -> bool {
@@ -90,6 +100,7 @@ impl Marks {
     }
 
     /// Judges a point. In a settled tile that is all; in another it counts towards the tile's ground.
+    #[inline(always)]
     fn judge(&mut self, cell: u8, z: i32, tall: Tall) -> Lies {
         if self.any_boxed && Self::is_set(&self.boxed, cell) {
             return Lies::Boxed;
@@ -155,7 +166,7 @@ impl Marks {
         rows[usize::from(cell >> 4)] >> (cell & 15) & 1 != 0
     }
 
-    /// Whether a cell is closed to this frame.
+    /// Whether a cell of a touched mark is closed to this frame.
     #[inline(always)]
     pub(crate) fn is_closed(&self, cell: u8) -> bool {
         Self::is_set(&self.closed, cell)
@@ -171,7 +182,10 @@ pub(crate) struct Board<'a> {
 
 impl<'a> Board<'a> {
     pub(crate) fn new(marks: &'a mut [Marks]) -> Self {
-        marks.fill(Marks::EMPTY);
+        // Those that no frame touched are empty.
+        for mark in marks.iter_mut().filter(|mark| mark.touched) {
+            *mark = Marks::EMPTY;
+        }
         Self { marks, newest: LAST, tall: Tall { stands: 0, hangs: 0 } }
     }
 
@@ -191,11 +205,10 @@ impl<'a> Board<'a> {
     }
 
     /// Judges a point at its mark, which is made ready at its first touch in a frame.
-    #[inline(never)]
+    #[inline(always)]
     pub(crate) fn judge(&mut self, slot: usize, cell: u8, z: i32, window: &Window<'_>) -> Lies {
         let tall = self.tall;
-        // There are as many marks as slots.
-        self.touch(slot, window).map_or(Lies::Overhead, |mark| mark.judge(cell, z, tall))
+        self.touch(slot, window).map_or(Lies::Nowhere, |mark| mark.judge(cell, z, tall))
     }
 
     pub(crate) fn get(&self, slot: usize) -> Option<&Marks> {
@@ -207,6 +220,7 @@ impl<'a> Board<'a> {
     }
 
     /// The mark of a slot, made ready at its first touch in a frame.
+    #[inline(always)]
     fn touch(&mut self, slot: usize, window: &Window<'_>) -> Option<&mut Marks> {
         let mark = self.marks.get_mut(slot)?;
         if !mark.touched {
@@ -250,6 +264,7 @@ impl<'a> Board<'a> {
                         mark.ground = level;
                     }
                 }
+                mark.tell_plain(self.tall.stands);
             }
         }
     }
@@ -278,6 +293,7 @@ impl<'a> Board<'a> {
     }
 }
 
+#[inline(never)]
 fn begin(mark: &mut Marks, tile: Option<&Tile>, before: u16, stands: i32) {
     *mark = Marks { touched: true, before, ..Marks::EMPTY };
     if let Some(tile) = tile {
@@ -285,10 +301,7 @@ fn begin(mark: &mut Marks, tile: Option<&Tile>, before: u16, stands: i32) {
         if tile.known >= KNOWN {
             mark.settled = true;
             mark.ground = tile.base.saturating_add(i32::from(tile.ground));
-            // The lowest that the gradient leaves of it: in a corner.
-            let [along, across] = mark.rise.map(|rise| rise.saturating_abs());
-            let corner = (-15 * (along + across)) >> 3;
-            mark.plain = mark.ground.saturating_add(stands).saturating_add(corner);
+            mark.tell_plain(stands);
         }
     }
 }

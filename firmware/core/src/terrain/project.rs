@@ -7,8 +7,8 @@ use super::align::Correction;
 use super::config::TerrainConfig;
 use super::geometry::{Pose, dot};
 use super::marks::{Board, Lies};
-use super::sight::{Bearing, Direction, RangeImage};
-use super::tile::{UNITS_PER_M, WEIGHT_ONE};
+use super::sight::{Bearing, Direction, RangeImage, pixel};
+use super::tile::{HEAVIEST, UNITS_PER_M, WEIGHT_ONE};
 use super::window::Window;
 
 /// One point, ready to enter the map.
@@ -230,8 +230,9 @@ struct Block {
     height: Words,
     /// As in a sample.
     weight_column: Words,
-    /// Column of the range image in the upper half, all ones above and below it; pixel, likewise; horizontal range.
+    /// Column of the range image in the upper half, all ones above and below it; row as a real number; pixel, -1 above and below; horizontal range.
     column: Words,
+    row: Lane,
     pixel: Words,
     range_cm: Words,
 }
@@ -249,6 +250,7 @@ impl Block {
         height: [0; BLOCK],
         weight_column: [0; BLOCK],
         column: [0; BLOCK],
+        row: [0.0; BLOCK],
         pixel: [0; BLOCK],
         range_cm: [0; BLOCK],
     };
@@ -282,6 +284,8 @@ struct Limits {
     near2: f32,
     far2: f32,
     half_turn: f32,
+    /// What lies behind, and to the side by less than this times as much, lies further round than half the turn.
+    rear: f32,
     cells: f32,
     /// Tiles along the window's side, and where in the storage its lowest corner lies.
     side: i32,
@@ -309,6 +313,39 @@ fn polar(points: &[Lane; 3], turns: &mut Lane, ranges: &mut Lane, range2: &mut L
     }
 }
 
+/// Half a turn is 1/2 less a quarter of |y| / (|x| + |y|) behind the sensor: |y| / |x| there at `half_turn`, a hundredth less for what roundings may do. At
+/// most a hundred.
+fn rear_slope(half_turn: f32) -> f32 {
+    let side = 2.0 - 4.0 * half_turn;
+    if side < 0.99 { 0.99 * side / (1.0 - side) } else { 98.0 }
+}
+
+/// Of a block that lies behind as a whole, without a word on where: the same as `tally`. None of other blocks.
+#[inline(always)]
+fn rear(limits: &Limits, points: &[[f32; 4]; BLOCK], lanes: &[Lane; 3]) -> Option<[u32; 3]> {
+    // Most blocks show at a few of their points that they are others.
+    let shows = |lane: usize| points[lane][0] < 0.0;
+    if !(shows(0) && shows(BLOCK / 2) && shows(BLOCK - 1)) {
+        return None;
+    }
+    let [others, not_finite, out_of_range] = tally_rear(limits, lanes);
+    (others == 0).then_some([not_finite, out_of_range, BLOCK as u32 - not_finite - out_of_range])
+}
+
+/// How many points do not surely lie behind, are no numbers, and are out of range.
+#[inline(never)]
+fn tally_rear(limits: &Limits, [xs, ys, zs]: &[Lane; 3]) -> [u32; 3] {
+    let (mut rear, mut numbers, mut in_range) = (0, 0, 0);
+    for lane in 0..BLOCK {
+        let (x, y, z) = (xs[lane], ys[lane], zs[lane]);
+        let range2 = x * x + y * y + z * z;
+        rear += i32::from(y.abs() < -limits.rear * x);
+        numbers += i32::from(range2 <= f32::MAX);
+        in_range += i32::from((range2 >= limits.near2) & (range2 <= limits.far2));
+    }
+    [BLOCK as i32 - rear, BLOCK as i32 - numbers, numbers - in_range].map(|count| count as u32)
+}
+
 /// How many points are no numbers, out of range, and behind, each by its first reason.
 #[inline(never)]
 fn tally(limits: &Limits, range2: &Lane, turns: &Lane, shut: &mut Words) -> [u32; 3] {
@@ -326,15 +363,23 @@ fn tally(limits: &Limits, range2: &Lane, turns: &Lane, shut: &mut Words) -> [u32
     [BLOCK as i32 - numbers, numbers - in_range, in_range - ahead].map(|count| count as u32)
 }
 
-/// Where the points lie in the range image.
+/// Where the points lie as seen from the sensor.
 #[inline(never)]
-fn look([zs, turns, ranges]: [&Lane; 3], columns: &mut Words, pixels: &mut Words, range_cm: &mut Words) {
+fn look([zs, turns, ranges]: [&Lane; 3], columns: &mut Words, rows: &mut Lane, range_cm: &mut Words) {
     for lane in 0..BLOCK {
         let direction = Direction::at(Bearing { turn: turns[lane], range: ranges[lane] }, zs[lane]);
-        let outside = -i32::from(!direction.is_inside());
-        columns[lane] = (direction.column() | outside) << 16;
-        pixels[lane] = direction.pixel() | outside;
+        columns[lane] = (direction.column() | -i32::from(!direction.is_inside())) << 16;
+        rows[lane] = direction.row;
         range_cm[lane] = nearest(least(direction.range * 100.0, 65_535.0));
+    }
+}
+
+/// The pixels of the range image that they fall on.
+#[inline(never)]
+fn pick(columns: &Words, rows: &Lane, pixels: &mut Words) {
+    for lane in 0..BLOCK {
+        let column = columns[lane] >> 16;
+        pixels[lane] = pixel(column, rows[lane]) | (column >> 15);
     }
 }
 
@@ -360,7 +405,7 @@ fn rise(
         let at = |by: (&[f32; 3], f32)| by.0[0] * xs[lane] + by.0[1] * ys[lane] + by.0[2] * zs[lane] + by.1;
         let up = at(still) + turns[lane] * at(rate);
         let weight = weighting.weight(range2[lane], up);
-        weight_columns[lane] = nearest(most(least(weight, 65_535.0), 1.0)) | columns[lane];
+        weight_columns[lane] = nearest(most(least(weight, HEAVIEST), 1.0)) | columns[lane];
         heights[lane] = whole.wrapping_add(nearest(up));
     }
 }
@@ -409,6 +454,7 @@ pub(crate) fn project(
         near2: config.nearest_m * config.nearest_m,
         far2: config.farthest_m * config.farthest_m,
         half_turn: config.half_turn,
+        rear: rear_slope(config.half_turn),
         cells: f32::from(window.side) * 16.0,
         side: i32::from(window.side),
         corner: window.corner.map(|tile| tile as i32),
@@ -427,6 +473,12 @@ pub(crate) fn project(
     counts.not_finite = 0u32.wrapping_sub(missing as u32);
     for points in whole.iter().chain((missing > 0).then_some(&last)) {
         transpose(points, &mut block.points);
+        if !see && let Some([not_finite, out_of_range, behind]) = rear(&limits, points, &block.points) {
+            counts.not_finite = counts.not_finite.wrapping_add(not_finite);
+            counts.out_of_range += out_of_range;
+            counts.behind += behind;
+            continue;
+        }
         polar(&block.points, &mut block.turn, &mut block.range, &mut block.range2);
         let [not_finite, out_of_range, behind] = tally(&limits, &block.range2, &block.turn, &mut block.shut);
         let left = BLOCK as u32 - not_finite - out_of_range - behind;
@@ -437,8 +489,9 @@ pub(crate) fn project(
             continue;
         }
         let lanes = [&block.points[2], &block.turn, &block.range];
-        look(lanes, &mut block.column, &mut block.pixel, &mut block.range_cm);
+        look(lanes, &mut block.column, &mut block.row, &mut block.range_cm);
         if see {
+            pick(&block.column, &block.row, &mut block.pixel);
             image.see(&block.pixel, &block.range_cm);
         }
         if left == 0 {
@@ -446,35 +499,68 @@ pub(crate) fn project(
         }
         let inside = block.place(projection, &weighting, &limits);
         counts.out_of_window += left - inside;
-        for lane in 0..BLOCK {
-            let sample = block.sample(lane);
-            let (slot, cell) = sample.at();
-            let Some(mark) = marks.any(slot) else { continue };
-            let place = if mark.is_plain_ground(sample.z) {
-                free.next()
-            } else {
+        let mut lane = 0;
+        loop {
+            lane = enter_plain(&block, lane, marks, &mut free);
+            if lane >= BLOCK {
+                break;
+            }
+            // The next ones are hardly plain either, until one is ground.
+            while lane < BLOCK {
+                let sample = block.sample(lane);
+                lane += 1;
+                let (slot, cell) = sample.at();
                 let lies = marks.judge(slot, cell, sample.z, window);
-                if lies == Lies::Standing {
-                    image.stand(sample.seen_at());
-                }
-                counts.leave_out(lies);
-                match lies {
+                let place = match lies {
                     Lies::Ground => free.next(),
                     Lies::Unsettled => {
                         let place = free.next_back();
                         back += usize::from(place.is_some());
                         place
                     }
-                    _ => continue,
+                    Lies::Standing => {
+                        counts.standing += 1;
+                        image.stand(sample.seen_at());
+                        continue;
+                    }
+                    other => {
+                        counts.leave_out(other);
+                        continue;
+                    }
+                };
+                match place {
+                    Some(place) => *place = sample,
+                    None => counts.over_capacity += 1,
                 }
-            };
-            match place {
-                Some(place) => *place = sample,
-                None => counts.over_capacity += 1,
+                if lies == Lies::Ground {
+                    break;
+                }
             }
         }
     }
     [storage - free.len() - back, back]
+}
+
+/// Makes samples of a block's points from `lane` on as long as they are plainly ground and there is room; the first lane that is not, or `BLOCK`.
+/// A loop of its own, so that all of it stays in registers.
+#[inline(never)]
+fn enter_plain(block: &Block, lane: usize, marks: &Board<'_>, free: &mut core::slice::IterMut<'_, Sample>) -> usize {
+    let mut places = core::mem::take(free);
+    let mut stopped = BLOCK;
+    for lane in lane..BLOCK {
+        let sample = block.sample(lane);
+        let (slot, _) = sample.at();
+        // Beyond the marks: a point that does not enter the map.
+        let Some(mark) = marks.any(slot) else { continue };
+        let plain = mark.is_plain_ground(sample.z);
+        let Some(place) = (if plain { places.next() } else { None }) else {
+            stopped = lane;
+            break;
+        };
+        *place = sample;
+    }
+    *free = places;
+    stopped
 }
 
 impl PointCounts {
@@ -484,7 +570,7 @@ impl PointCounts {
             Lies::Boxed => self.boxed += 1,
             Lies::Overhead => self.overhead += 1,
             Lies::Standing => self.standing += 1,
-            Lies::Ground | Lies::Unsettled => {}
+            Lies::Ground | Lies::Unsettled | Lies::Nowhere => {}
         }
     }
 }

@@ -6,8 +6,8 @@
 //! Where cells are empty the extremes of their neighbours flow in, once, at most three cells far, through empty cells only:
 //! two rings a metre apart meet, and a curb between known cells is not widened.
 //!
-//! Everything is i16 in rows of 64: the heights, and beside them the heights negated. A minimum is then a maximum like the
-//! other, a relief the sum of two, and a row eight vectors of the smallest vector unit there is.
+//! Everything is i16 in rows: the heights, and behind them the heights negated. A minimum is then a maximum like the
+//! other, a relief the sum of two, and a row seven vectors of the smallest vector unit there is.
 
 use super::tile::{TILE_SIDE, Tile};
 use super::window::Neighbours;
@@ -16,141 +16,135 @@ use super::window::Neighbours;
 const HALO: usize = 5;
 /// Rows of the work area.
 const ROWS: usize = TILE_SIDE + 2 * HALO;
+/// Columns of the work area.
+const COLUMNS: usize = TILE_SIDE + 2 * HALO;
 /// Columns taken on each side: a whole vector, of which five count.
 const WING: usize = 8;
-/// Columns of the work area.
-const WIDTH: usize = TILE_SIDE + 2 * WING;
+/// Columns taken, and a vector more to read on from the fourth.
+const WIDTH: usize = 2 * WING + TILE_SIDE + WING;
 /// Less than any height, and than any height negated.
 const NOTHING: i16 = i16::MIN;
 
-/// On the bounds of vectors, so that these are operands as they lie in memory.
+/// Heights or margins of a row, its wings included. On the bounds of vectors, so that these are operands as they lie in memory.
 #[derive(Clone, Copy)]
 #[repr(align(16))]
 struct Half([i16; WIDTH]);
-/// The columns that count.
-const INSIDE: [i16; WIDTH] = {
-    let mut inside = [-1; WIDTH];
-    let mut column = 0;
-    while column < WING - HALO {
-        inside[column] = 0;
-        inside[WIDTH - 1 - column] = 0;
+
+/// What is read of a row in whole vectors: two halves.
+const USED: usize = (2 * COLUMNS).next_multiple_of(8);
+/// Whole vectors that hold a half.
+const WHOLE: usize = COLUMNS.next_multiple_of(8);
+/// Heights less the gradient, from a column on the same negated; both drawn in by their margins. Where one half ends a window reaches into the other:
+/// a column a step of the flow and two for the last, which is what each step needs less of.
+#[derive(Clone, Copy)]
+#[repr(align(16))]
+struct Row([i16; USED + 8]);
+
+impl Row {
+    const EMPTY: Self = Self([NOTHING; USED + 8]);
+}
+
+/// Columns of the heights in which a step of the flow has something to fill, by steps.
+type Mask = [i16; WHOLE];
+const INSIDE: [Mask; 4] = [inside(0), inside(1), inside(2), inside(3)];
+
+const fn inside(edge: usize) -> Mask {
+    let mut inside = [0; WHOLE];
+    let mut column = edge;
+    while column < COLUMNS - edge {
+        inside[column] = -1;
         column += 1;
     }
     inside
-};
-/// Heights, then the same negated. Where one half ends, a window reaches into the other: a column a step of the flow and
-/// two for the last, which the wings' three outermost columns on each side take up.
-#[derive(Clone, Copy)]
-#[repr(align(16))]
-struct Row([i16; 2 * WIDTH]);
-
-impl Row {
-    const EMPTY: Self = Self([NOTHING; 2 * WIDTH]);
 }
 
-/// Where reliefs are worked out: rows, and two as they were before a step.
-pub(crate) struct Bench {
-    rows: [Row; ROWS],
-    before: [Row; 2],
-}
-
-impl Bench {
-    pub(crate) const EMPTY: Self = Self { rows: [Row::EMPTY; ROWS], before: [Row::EMPTY; 2] };
-}
-
-/// Heights and margins of a tile and its surroundings, above the tile's base.
+/// Where a tile's relief is worked out: heights and margins of the tile and its surroundings, above the tile's base, and what becomes of them.
 pub(crate) struct Patch {
     height: [Half; ROWS],
     /// 0 where nothing is known.
     margin: [Half; ROWS],
-    rows: [Census; ROWS],
-    any_known: bool,
-}
-
-/// What a row holds.
-#[derive(Clone, Copy)]
-struct Census {
-    /// A cell of it is empty.
-    gap: bool,
-    /// A cell of it is not.
-    known: bool,
+    /// Whether a row has empty cells.
+    gaps: [bool; ROWS],
+    rows: [Row; ROWS],
+    /// Two rows as they were before a step.
+    before: [Row; 2],
 }
 
 /// Relief of a tile's cells, quarter millimetres; below zero where nothing is known near.
 pub(crate) type Relief = [[i16; TILE_SIDE]; TILE_SIDE];
 
 impl Patch {
-    pub(crate) fn gather(around: &Neighbours<'_>) -> Self {
-        let mut patch = Self {
-            height: [Half([0; WIDTH]); ROWS],
-            margin: [Half([0; WIDTH]); ROWS],
-            rows: [Census { gap: true, known: false }; ROWS],
-            any_known: false,
-        };
-        let Some(tile) = around.tile(0, 0) else { return patch };
+    pub(crate) const EMPTY: Self = Self {
+        height: [Half([0; WIDTH]); ROWS],
+        margin: [Half([0; WIDTH]); ROWS],
+        gaps: [false; ROWS],
+        rows: [Row::EMPTY; ROWS],
+        before: [Row::EMPTY; 2],
+    };
+
+    /// Takes a tile and its surroundings in; whether anything is known of them.
+    pub(crate) fn gather(&mut self, around: &Neighbours<'_>) -> bool {
+        // Heights without a margin do not count.
+        self.margin = [Half([0; WIDTH]); ROWS];
+        let Some(tile) = around.tile(0, 0) else { return false };
         let base = tile.base;
         for (dy, rows) in [(-1, 0..HALO), (0, HALO..HALO + TILE_SIDE), (1, HALO + TILE_SIDE..ROWS)] {
             let first = if dy < 0 { TILE_SIDE - HALO } else { 0 };
-            let height = patch.height.get_mut(rows.clone()).unwrap_or_default();
-            let margin = patch.margin.get_mut(rows).unwrap_or_default();
+            let height = self.height.get_mut(rows.clone()).unwrap_or_default();
+            let margin = self.margin.get_mut(rows).unwrap_or_default();
             copy::<WING, 0, { TILE_SIDE - WING }>(around.tile(-1, dy), base, first, height, margin);
             copy::<TILE_SIDE, WING, 0>(around.tile(0, dy), base, first, height, margin);
             copy::<WING, { WING + TILE_SIDE }, 0>(around.tile(1, dy), base, first, height, margin);
         }
-        for (row, margin) in patch.rows.iter_mut().zip(&patch.margin) {
-            *row = census(margin);
-            patch.any_known |= row.known;
+        let mut any_known = false;
+        for (gaps, margin) in self.gaps.iter_mut().zip(&self.margin) {
+            let (gap, known) = census(margin);
+            *gaps = gap;
+            any_known |= known;
         }
-        patch
-    }
-
-    pub(crate) fn is_empty(&self) -> bool {
-        !self.any_known
+        any_known
     }
 
     /// The relief when `rise` (over four cells, towards x and y) is taken out, and the largest of it.
-    pub(crate) fn relief(&self, rise: [i16; 2], bench: &mut Bench) -> (Relief, i16) {
-        let mut along = Half([0; WIDTH]);
-        for (column, value) in along.0.iter_mut().enumerate() {
-            *value = (i32::from(rise[0]) * (column as i32 - 16) / 4) as i16;
+    pub(crate) fn relief(&mut self, rise: [i16; 2], out: &mut Relief) -> i16 {
+        let mut along = [0i16; WHOLE];
+        for (column, value) in along.iter_mut().enumerate() {
+            *value = (i32::from(rise[0]) * (column as i32 - 13) / 4) as i16;
         }
-        for (row, ((heights, margins), out)) in self.height.iter().zip(&self.margin).zip(&mut bench.rows).enumerate() {
+        for (row, ((heights, margins), out)) in self.height.iter().zip(&self.margin).zip(&mut self.rows).enumerate() {
             let up = (i32::from(rise[1]) * (row as i32 - 13) / 4) as i16;
             intervals(heights, margins, &along, up, out);
         }
         // Each step a row less far out than the one before: what lies further cannot reach the tile any more.
-        let mut rows = self.rows;
-        for edge in 1..=3 {
-            flow(bench, &mut rows, edge);
-        }
-        let mut out = [[NOTHING; TILE_SIDE]; TILE_SIDE];
+        let mut gaps = self.gaps;
+        self.flow::<1>(&mut gaps);
+        self.flow::<2>(&mut gaps);
+        self.flow::<3>(&mut gaps);
         let mut largest = [NOTHING; TILE_SIDE];
-        for (window, out) in bench.rows.windows(5).skip(HALO - 2).zip(&mut out) {
+        for (window, out) in self.rows.windows(5).skip(HALO - 2).zip(out) {
             if let [a, b, c, d, e] = window {
                 span([a, b, c, d, e], out, &mut largest);
             }
         }
-        (out, largest.iter().copied().fold(NOTHING, i16::max))
+        largest.iter().copied().fold(NOTHING, i16::max)
     }
-}
 
-/// One step: cells that are still empty take the extremes of their eight neighbours, in all but the `edge` outermost rows. A row that changes
-/// leaves behind what it was for the one below.
-fn flow(bench: &mut Bench, rows: &mut [Census; ROWS], edge: usize) {
-    let [mut before, mut now] = bench.before.each_mut();
-    let mut changed = false;
-    let known_before = rows.map(|row| row.known);
-    for row in edge..ROWS - edge {
-        let near = bench.rows.get_mut(row - 1..).and_then(|rows| rows.first_chunk_mut());
-        let known = known_before.get(row - 1..).and_then(|known| known.first_chunk());
-        let (Some([above, here, below]), Some(known), Some(row)) = (near, known, rows.get_mut(row)) else { return };
-        // Where nothing is near nothing flows in.
-        let fills = row.gap && *known != [false; 3];
-        if fills {
-            *row = fill_empty(if changed { before } else { above }, here, below, now);
+    /// One step: cells that are still empty take the extremes of their eight neighbours, in all but the `EDGE` outermost rows. A row that changes
+    /// leaves behind what it was for the one below.
+    fn flow<const EDGE: usize>(&mut self, gaps: &mut [bool; ROWS]) {
+        let [mut before, mut now] = self.before.each_mut();
+        let mut changed = false;
+        for row in EDGE..ROWS - EDGE {
+            let Some(gap) = gaps.get_mut(row).filter(|gap| **gap) else {
+                changed = false;
+                continue;
+            };
+            let near = self.rows.get_mut(row - 1..).and_then(|rows| rows.first_chunk_mut());
+            let Some([above, here, below]) = near else { return };
+            *gap = fill_empty(if changed { before } else { above }, here, below, now, &INSIDE[EDGE]);
             core::mem::swap(&mut before, &mut now);
+            changed = true;
         }
-        changed = fills;
     }
 }
 
@@ -177,14 +171,16 @@ fn copy<const COUNT: usize, const TO: usize, const FROM: usize>(
 // One row each, by reference and never inlined: as loops of their own over whole rows they become vector instructions
 // (four of eight words even without AVX); inlined into the nest above, LLVM leaves them scalar, 30 times slower.
 
+/// Whether a row has empty cells that a first step fills, and known ones.
 #[inline(never)]
-fn census(Half(margin): &Half) -> Census {
+fn census(Half(margin): &Half) -> (bool, bool) {
     let (mut gap, mut known) = (0, 0);
-    for column in 0..WIDTH {
-        gap |= -i16::from(margin[column] == 0) & INSIDE[column];
-        known |= margin[column] & INSIDE[column];
+    for column in 0..WHOLE {
+        let margin = margin[WING - HALO + column];
+        gap |= -i16::from(margin == 0) & INSIDE[1][column];
+        known |= margin & INSIDE[0][column];
     }
-    Census { gap: gap != 0, known: known != 0 }
+    (gap != 0, known != 0)
 }
 
 #[inline(never)]
@@ -203,43 +199,47 @@ fn lift<const COUNT: usize, const TO: usize, const FROM: usize>(
 
 /// Heights less the gradient, and the same negated, both drawn in by their margins.
 #[inline(never)]
-fn intervals(Half(heights): &Half, Half(margins): &Half, Half(along): &Half, up: i16, Row(out): &mut Row) {
-    for column in 0..WIDTH {
-        let level = heights[column].saturating_sub(along[column]).saturating_sub(up);
-        let margin = margins[column];
+fn intervals(Half(heights): &Half, Half(margins): &Half, along: &Mask, up: i16, Row(out): &mut Row) {
+    let mut low = [NOTHING; WHOLE];
+    for column in 0..WHOLE {
+        let at = WING - HALO + column;
+        let level = heights[at].saturating_sub(along[column]).saturating_sub(up);
+        let margin = margins[at];
         let known = -i16::from(margin != 0);
         out[column] = (level.saturating_sub(margin) & known) | (NOTHING & !known);
-        out[WIDTH + column] = (0i16.saturating_sub(level).saturating_sub(margin) & known) | (NOTHING & !known);
+        low[column] = (0i16.saturating_sub(level).saturating_sub(margin) & known) | (NOTHING & !known);
+    }
+    // Over what was too much of the first half.
+    for column in 0..WHOLE {
+        out[COLUMNS + column] = low[column];
     }
 }
 
 /// A row's maxima over three, with a vector of nothing more on each side.
 #[repr(align(16))]
-struct Tallest([i16; WING + 2 * WIDTH + WING]);
+struct Tallest([i16; 8 + USED + 8]);
 
-/// Fills a row, and keeps it as it was.
+/// Fills a row, and keeps it as it was; whether it has empty cells that the next step fills.
 #[inline(never)]
-fn fill_empty(Row(above): &Row, Row(here): &mut Row, Row(below): &Row, Row(before): &mut Row) -> Census {
-    let mut tallest = Tallest([NOTHING; WING + 2 * WIDTH + WING]);
+fn fill_empty(Row(above): &Row, Row(here): &mut Row, Row(below): &Row, Row(before): &mut Row, inside: &Mask) -> bool {
+    let mut tallest = Tallest([NOTHING; 8 + USED + 8]);
     let Tallest(tallest) = &mut tallest;
-    for column in 0..2 * WIDTH {
-        before[column] = here[column];
-        tallest[WING + column] = here[column].max(above[column]).max(below[column]);
+    for column in 0..USED {
+        tallest[8 + column] = here[column].max(above[column]).max(below[column]);
     }
-    let (mut left, mut known) = (0, 0);
-    for column in 0..WIDTH {
-        let empty = -i16::from(before[column] == NOTHING);
-        let three = |at: usize| tallest[at].max(tallest[at - 1]).max(tallest[at + 1]);
-        let (high, low) = (three(WING + column), three(WING + WIDTH + column));
+    for column in 0..USED {
+        let held = here[column];
+        before[column] = held;
+        let empty = -i16::from(held == NOTHING);
+        let most = tallest[8 + column].max(tallest[7 + column]).max(tallest[9 + column]);
         // Masked and not selected: LLVM turns a select of a stored value into a branch around the store.
-        let filled = (high & empty) | (before[column] & !empty);
-        here[column] = filled;
-        here[WIDTH + column] = (low & empty) | (before[WIDTH + column] & !empty);
-        let nothing = -i16::from(filled == NOTHING);
-        left |= nothing & INSIDE[column];
-        known |= !nothing & INSIDE[column];
+        here[column] = (most & empty) | (held & !empty);
     }
-    Census { gap: left != 0, known: known != 0 }
+    let mut left = 0;
+    for column in 0..WHOLE {
+        left |= -i16::from(here[column] == NOTHING) & inside[column];
+    }
+    left != 0
 }
 
 /// Largest minus smallest over 5 x 5 cells, or over 3 x 3 where that is less than three eighths of it: the edge is then further off
@@ -252,19 +252,19 @@ fn span(
 ) {
     let (mut three, mut five) = (Row::EMPTY, Row::EMPTY);
     let (Row(three), Row(five)) = (&mut three, &mut five);
-    for column in 0..2 * WIDTH {
+    for column in 0..USED {
         three[column] = b[column].max(c[column]).max(d[column]);
         five[column] = three[column].max(a[column]).max(e[column]);
     }
     for (column, (risen, largest)) in out.iter_mut().zip(largest).enumerate() {
-        let at = WING + column;
+        let at = HALO + column;
         let over_five = |at: usize| {
             let (near, far) = (five[at - 1].max(five[at + 1]), five[at - 2].max(five[at + 2]));
             near.max(far).max(five[at])
         };
         let over_three = |at: usize| three[at - 1].max(three[at]).max(three[at + 1]);
-        let wide = over_five(at).saturating_add(over_five(WIDTH + at)).max(0);
-        let near = over_three(at).saturating_add(over_three(WIDTH + at)).max(0);
+        let wide = over_five(at).saturating_add(over_five(COLUMNS + at)).max(0);
+        let near = over_three(at).saturating_add(over_three(COLUMNS + at)).max(0);
         let far_edge = -i16::from(near < (wide >> 1) - (wide >> 3));
         let relief = (near & far_edge) | (wide & !far_edge);
         let nothing = -i16::from(c[at] == NOTHING);

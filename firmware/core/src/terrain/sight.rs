@@ -53,7 +53,7 @@ pub(crate) struct Direction {
     turn: f32,
     pub(crate) range: f32,
     /// Row of the image as a real number.
-    row: f32,
+    pub(crate) row: f32,
 }
 
 impl Direction {
@@ -79,13 +79,13 @@ impl Direction {
     pub(crate) fn is_inside(&self) -> bool {
         (self.row >= 0.0) & (self.row < ROWS as f32)
     }
+}
 
-    /// Pixel of the image, for a direction inside it.
-    #[inline(always)]
-    pub(crate) fn pixel(&self) -> i32 {
-        // Times 112 = 128 - 16, which vector units do without a multiplication.
-        (self.column() << 7) - (self.column() << 4) + below(self.row)
-    }
+/// Pixel of the image in a column, at a row that lies inside it.
+#[inline(always)]
+pub(crate) fn pixel(column: i32, row: f32) -> i32 {
+    // Times 112 = 128 - 16, which vector units do without a multiplication.
+    (column << 7) - (column << 4) + below(row)
 }
 
 /// Nothing stands in an azimuth.
@@ -216,7 +216,7 @@ mod tests {
                 let scale = 40.0;
                 let (y, z) = (step as f32 * 0.1, scale * (-0.05 + up as f32 * 0.003));
                 let seen = Direction::of([scale, y, z]);
-                image.see(&[seen.pixel()], &[(seen.range * 100.0) as i32]);
+                image.see(&[pixel(seen.column(), seen.row)], &[(seen.range * 100.0) as i32]);
             }
         }
         let (beyond, blocked) = image.through([20.0, 0.0, -1.0], [20.0, 0.0, 0.0]);

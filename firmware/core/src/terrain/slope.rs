@@ -18,6 +18,9 @@ const ENOUGH: u16 = 6;
 /// wrong by 3 %, which between two rings a metre apart is a step of 3 cm.
 const SURE: u16 = 40;
 
+/// Pairs beyond which a median is worth no more.
+const MOST: u16 = 64;
+
 /// Known cells from which a tile's first impressions are reviewed: 8, 16, 32 and 64. A sparse sensor stays with the first.
 const REVIEWED: u16 = 8;
 const REVIEWS: u8 = 4;
@@ -60,16 +63,27 @@ fn survey(tile: &mut Tile) {
 }
 
 /// Known cells, and the sum of their heights.
-#[inline(never)]
 fn census(heights: &Rises, margins: &[u8; TILE_CELLS]) -> (i32, i32) {
-    let (mut known, mut sum) = (0i16, 0i32);
-    for cell in 0..TILE_CELLS {
-        let mask = -i16::from(margins[cell] != 0);
-        known -= mask;
-        // 256 x 32,000 stays within 31 bits. As a product it is one instruction for eight cells.
-        sum -= i32::from(heights[cell]) * i32::from(mask);
+    let mut known = [0; TILE_CELLS];
+    let count = mark_known(margins, &mut known);
+    (i32::from(count), sum(heights, &known))
+}
+
+/// One for each known cell; how many they are.
+#[inline(never)]
+fn mark_known(margins: &[u8; TILE_CELLS], known: &mut Rises) -> i16 {
+    let mut count = 0;
+    for (known, margin) in known.iter_mut().zip(margins) {
+        *known = i16::from(*margin != 0);
+        count += *known;
     }
-    (i32::from(known), sum)
+    count
+}
+
+/// Sum of products: one instruction for eight cells. 256 x 32,000 stays within 31 bits.
+#[inline(never)]
+fn sum(heights: &Rises, known: &Rises) -> i32 {
+    heights.iter().zip(known).map(|(height, known)| i32::from(*height) * i32::from(*known)).sum()
 }
 
 /// Empties cells high above the level that a tenth of the tile's cells keep below, its gradient taken out, unless they bear the stamp; whether there
@@ -150,19 +164,19 @@ fn spread(heights: &Rises, margins: &[u8; TILE_CELLS], starts: &mut Rises, ends:
 }
 
 /// Median of the rises over four cells along x (`ALONG`) or y, and how much it is worth: the pairs behind it, at most five for
-/// each line that they begin on. A sparse tile uses another span where that has more pairs.
+/// each line that they begin on, at most 64. A sparse tile uses another span where that has more pairs.
 ///
 /// Every line across the rise has the same vote, however many pairs begin on it. Far off, the face of a bump is hit by every ring while the road
 /// before it is crossed here and there and the road behind it lies in its shadow: pair by pair, the face would be the tile's gradient.
 fn median_rise<const ALONG: bool>(padded: &Padded) -> (i16, u8) {
-    let mut rises = [[NONE; TILE_CELLS]; 2];
+    let (mut held, mut tried) = ([0; TILE_CELLS], [0; TILE_CELLS]);
+    let (mut held, mut tried) = (&mut held, &mut tried);
     let mut best = Found { pairs: 0, bounds: [0; 2] };
     let mut over = SPAN;
     for span in [SPAN, 8, 3] {
-        let [held, tried] = &mut rises;
         let found = find::<ALONG>(padded, span, tried);
         if found.pairs > best.pairs {
-            core::mem::swap(held, tried);
+            core::mem::swap(&mut held, &mut tried);
             (best, over) = (found, span);
         }
         if best.pairs >= 20 {
@@ -172,12 +186,12 @@ fn median_rise<const ALONG: bool>(padded: &Padded) -> (i16, u8) {
     if best.pairs == 0 {
         return (0, 0);
     }
-    let [rises, _] = &rises;
+    let rises = &*held;
     let (votes, total, lines) = votes::<ALONG>(rises);
     let at_most = |bound| weight_at_most(rises, &votes, bound);
     let median = i32::from(quantile(best.bounds, (total + 1) >> 1, at_most));
     let over_four = median * SPAN as i32 / over.max(1) as i32;
-    (over_four as i16, best.pairs.min(5 * lines).min(255) as u8)
+    (over_four as i16, best.pairs.min(5 * lines).min(MOST) as u8)
 }
 
 /// The vote of each pair: a line's 240 divided by its pairs, at most 60; their sum, and the lines that have pairs.
@@ -293,15 +307,25 @@ pub(crate) fn pool(window: &Window<'_>, around: &Neighbours<'_>, key: TileKey) -
             near.take(place, tile, if place == 4 { 2 } else { 1 });
         }
     }
+    match [0, 1].map(|axis| near.median(axis, SURE)) {
+        [Some(x), Some(y)] => Some([x, y]),
+        near => pool_wide(window, key, near),
+    }
+}
+
+/// The same of what the neighbourhood leaves open, from larger ones.
+#[inline(never)]
+fn pool_wide(window: &Window<'_>, key: TileKey, near: [Option<i16>; 2]) -> Option<[i16; 2]> {
     let mut wide = Votes::<56>::NONE;
     let mut out = [0i16; 2];
-    for (axis, out) in out.iter_mut().enumerate() {
-        let mut found = near.median(axis, SURE);
-        for (reach, least) in [(2, SURE), (3, ENOUGH)] {
-            if found.is_none() {
-                wide.gather(window, key, reach);
-                found = wide.median(axis, least);
-            }
+    for (axis, (out, mut found)) in out.iter_mut().zip(near).enumerate() {
+        if found.is_none() {
+            wide.gather::<2>(window, key);
+            found = wide.median(axis, SURE);
+        }
+        if found.is_none() {
+            wide.gather::<3>(window, key);
+            found = wide.median(axis, ENOUGH);
         }
         *out = found?;
     }
@@ -319,53 +343,65 @@ struct Votes<const N: usize> {
 impl<const N: usize> Votes<N> {
     const NONE: Self = Self { rise: [[NONE; N]; 2], weight: [[0; N]; 2], used: 0, reach: 0 };
 
-    /// Those of the tiles up to `reach` away, unless it holds them already.
-    fn gather(&mut self, window: &Window<'_>, key: TileKey, reach: i32) {
-        if self.reach == reach {
+    /// Those of the tiles up to `REACH` away, unless it holds them already.
+    fn gather<const REACH: i32>(&mut self, window: &Window<'_>, key: TileKey) {
+        if self.reach == REACH {
             return;
         }
-        (self.used, self.reach) = (0, reach);
-        for dy in -reach..=reach {
-            for dx in -reach..=reach {
-                let near = TileKey { x: key.x.wrapping_add(dx), y: key.y.wrapping_add(dy) };
-                if let Some(tile) = window.tile(near).filter(|tile| tile.pairs != [0; 2]) {
-                    self.take(self.used, tile, if dx == 0 && dy == 0 { 2 } else { 1 });
-                }
-            }
-        }
+        (self.used, self.reach) = (0, REACH);
+        self.weight = [[0; N]; 2];
+        // The tile itself twice: it counts double.
+        window.near::<REACH>(key, |tile| self.take_if_any(tile));
+        window.near::<0>(key, |tile| self.take_if_any(tile));
     }
 
+    /// Of a tile without pairs the place is taken again by the next; without weight it does not count.
+    #[inline(always)]
+    fn take_if_any(&mut self, tile: &Tile) {
+        let place = self.used;
+        self.take(place, tile, 1);
+        self.used = place + usize::from(tile.pairs != [0; 2]);
+    }
+
+    #[inline(always)]
     fn take(&mut self, place: usize, tile: &Tile, times: i16) {
         for axis in 0..2 {
             if let (Some(rise), Some(weight)) = (self.rise[axis].get_mut(place), self.weight[axis].get_mut(place)) {
                 *rise = tile.own_rise[axis];
-                *weight = i16::from(tile.pairs[axis].min(64)) * times;
+                *weight = i16::from(tile.pairs[axis]) * times;
             }
         }
-        self.used = self.used.max(place + 1);
+        self.used = place + 1;
     }
 
     /// The smallest rise that half of the weight lies at or below, if there is as much weight at all.
     fn median(&self, axis: usize, least: u16) -> Option<i16> {
-        let rises = self.rise.get(axis)?.get(..self.used)?;
-        let weights = self.weight.get(axis)?.get(..self.used)?;
+        // To whole vectors: places that are not used have no weight.
+        let whole = self.used.next_multiple_of(LANES);
+        let rises = self.rise.get(axis)?.get(..whole)?;
+        let weights = self.weight.get(axis)?.get(..whole)?;
         // Fifty times 64 at most.
         let total = weights.iter().sum::<i16>();
-        (total >= least as i16).then(|| median(rises, weights, total))
+        (total >= least as i16).then(|| median(rises.as_chunks().0, weights.as_chunks().0, self.used, total))
     }
 }
+
+/// Words of a vector.
+const LANES: usize = 8;
 
 /// Of each rise is counted what lies at or below, which needs no branch and no order; one without weight never comes out, as the next smaller has
 /// as much below it.
 #[inline(never)]
-fn median(rises: &[i16], weights: &[i16], total: i16) -> i16 {
+fn median(rises: &[[i16; LANES]], weights: &[[i16; LANES]], used: usize, total: i16) -> i16 {
     let mut best = NONE;
-    for rise in rises {
-        let mut below = 0;
-        for (other, weight) in rises.iter().zip(weights) {
-            below += weight & -i16::from(other <= rise);
+    for rise in rises.as_flattened().iter().take(used) {
+        let mut below = [0; LANES];
+        for (others, weights) in rises.iter().zip(weights) {
+            for lane in 0..LANES {
+                below[lane] += weights[lane] & -i16::from(others[lane] <= *rise);
+            }
         }
-        let half = -i16::from(2 * below >= total);
+        let half = -i16::from(2 * below.iter().sum::<i16>() >= total);
         best = best.min((*rise & half) | (NONE & !half));
     }
     best

@@ -16,6 +16,8 @@ pub const UNITS_PER_M: f32 = 4000.0;
 pub(crate) const WEIGHT_ONE: f32 = 4096.0;
 /// Largest weight of a cell: sigma 1 mm.
 pub(crate) const WEIGHT_CAP: u16 = 4096;
+/// Largest weight of a point, that of half a millimetre: the least that a configuration may ask for.
+pub(crate) const HEAVIEST: f32 = 16_384.0;
 /// Furthest from the tile's base, quarter millimetres: further from the ends of 16 bits than any rise that `slope` believes.
 const HIGHEST: u32 = 31_000;
 /// Base of a tile that is not in use: further from any height than `HIGHEST`.
@@ -193,7 +195,7 @@ impl Tile {
         }
     }
 
-    /// Minimum-variance update of a cell with one point. `z` is above the map's datum, the weight 1 to 65,535.
+    /// Minimum-variance update of a cell with one point. `z` is above the map's datum, the weight 1 to `HEAVIEST`.
     #[inline(always)]
     pub(crate) fn fuse(&mut self, cell: u8, z: i32, weight: u32, by: &Update<'_>) {
         let index = usize::from(cell);
@@ -213,7 +215,7 @@ impl Tile {
             return;
         }
         let sum = u32::from(old) + weight;
-        // Half away from zero. off <= 1000 and weights of 16 bits: 28 bits; and it ends between the two heights.
+        // Half away from zero. off <= 1000 and weights of 15 bits: 26 bits; and it ends between the two heights.
         let step = (2 * off * weight + sum).checked_div(2 * sum).unwrap_or(0) as i32;
         // Between the two again: an eighth of the way.
         let spread = (i32::from(scatter) + (((off >> 2) as i32 - i32::from(scatter) + 4) >> 3)) as u8;
@@ -239,17 +241,17 @@ impl Tile {
         let index = usize::from(cell);
         let held = &mut self.held[index];
         held.stamp = by.stamp;
-        if self.margin[index] != 0 && height > i32::from(self.height[index]) {
+        if held.weight != 0 && height > i32::from(self.height[index]) {
             // A cell made by a stray low point must not hold out against the ground above it for ever.
             held.scatter = held.scatter.saturating_add(60);
             if held.scatter <= SCATTER_RESTART {
                 return;
             }
         }
-        let weight = weight as u16;
+        let weight = weight.min(u32::from(WEIGHT_CAP)) as u16;
         *held = Held { weight, scatter: 0, stamp: by.stamp };
         self.height[index] = height as i16;
-        self.margin[index] = margin(weight.min(WEIGHT_CAP), 0, by.margins);
+        self.margin[index] = margin(weight, 0, by.margins);
     }
 
     /// Empties a cell.

@@ -35,7 +35,8 @@ impl<'a> Neighbours<'a> {
 impl<'a> Window<'a> {
     /// `tiles` must hold `side` x `side` of them; the caller has checked it.
     pub(crate) fn new(tiles: &'a mut [Tile], side: u16) -> Self {
-        for tile in tiles.iter_mut() {
+        // Nothing was ever written to those that are not in use.
+        for tile in tiles.iter_mut().filter(|tile| tile.in_use) {
             *tile = Tile::EMPTY;
         }
         Self { tiles, side: side.max(1), origin: TileKey::default(), corner: [0; 2], placed: false }
@@ -82,6 +83,28 @@ impl<'a> Window<'a> {
         let x = wrap(column.wrapping_add(self.corner[0]), side);
         let y = wrap(row.wrapping_add(self.corner[1]), side);
         (y.wrapping_mul(side).wrapping_add(x)) as usize
+    }
+
+    /// The tiles up to `REACH` away from one, by rows, those that the window covers.
+    #[inline(always)]
+    pub(crate) fn near<const REACH: i32>(&self, key: TileKey, mut each: impl FnMut(&Tile)) {
+        let side = u32::from(self.side);
+        let column = key.x.wrapping_sub(self.origin.x);
+        let row = key.y.wrapping_sub(self.origin.y);
+        for dy in -REACH..=REACH {
+            let row = row.wrapping_add(dy) as u32;
+            if row >= side {
+                continue;
+            }
+            let first = wrap(row.wrapping_add(self.corner[1]), side).wrapping_mul(side);
+            for dx in -REACH..=REACH {
+                let column = column.wrapping_add(dx) as u32;
+                let slot = first.wrapping_add(wrap(column.wrapping_add(self.corner[0]), side));
+                if let Some(tile) = self.tiles.get(slot as usize).filter(|_| column < side) {
+                    each(tile);
+                }
+            }
+        }
     }
 
     /// A tile and the eight around it.
