@@ -58,6 +58,8 @@ const SCALE: f32 = 1.0 / 256.0;
 const FEW: u32 = 60;
 /// Points of a frame that are looked at.
 const MOST: usize = 6_000;
+/// Points that are read at a time.
+const BLOCK: usize = 64;
 /// Largest difference that is looked at, quarter millimetres.
 const FARTHEST: f32 = 2000.0;
 /// Weight margin of a settled cell: 0.7 sigma at most 8 mm.
@@ -76,38 +78,44 @@ pub(crate) fn align(
     let (near2, far2) = (near_far.0 * near_far.0, near_far.1 * near_far.1);
     let cells = f32::from(window.side) * 16.0;
     let mut used = 0;
-    for &[x, y, z, _] in points.iter().step_by(stride) {
-        let p = [x, y, z];
-        let range2 = dot(p, p);
-        if !(range2 >= near2 && range2 <= far2) {
-            continue;
+    let mut thinned = points.iter().step_by(stride);
+    let mut block = [[0.0; 4]; BLOCK];
+    // Copied block by block, so that points far apart are on their way from memory side by side.
+    'all: while thinned.len() > 0 {
+        let filled = block.iter_mut().zip(&mut thinned).map(|(place, point)| *place = *point).count();
+        for &[x, y, z, _] in block.iter().take(filled) {
+            let p = [x, y, z];
+            let range2 = dot(p, p);
+            if !(range2 >= near2 && range2 <= far2) {
+                continue;
+            }
+            // The turn is within a fifth of straight ahead. Behind the beam it is at its ends, where rates explain least.
+            if y.abs() > 4.0 * x {
+                continue;
+            }
+            let turn = Bearing::of(x, y).turn;
+            let (offset, height) = projection.apply(p, turn);
+            let (u, v) = (offset[0] + projection.origin[0], offset[1] + projection.origin[1]);
+            if !(u >= 0.0 && v >= 0.0 && u < cells && v < cells) {
+                continue;
+            }
+            let (ix, iy) = (u as u32, v as u32);
+            let Some(tile) = window.tiles.get(window.slot(ix >> 4, iy >> 4)) else { continue };
+            let index = ((iy & 15) << 4 | (ix & 15)) as usize;
+            let margin = tile.margin[index & 255];
+            if margin == 0 || margin > SETTLED || tile.tall[index & 255] != 0 {
+                continue;
+            }
+            let known = tile.base.saturating_add(i32::from(tile.height[index & 255]));
+            let off = height.saturating_sub(known);
+            // Beyond half a metre it is another thing, not a misfit.
+            if off.abs() > FARTHEST as i32 {
+                continue;
+            }
+            let Some(pair) = pairs.get_mut(used) else { break 'all };
+            *pair = Pair { x: offset[0] * SCALE, y: offset[1] * SCALE, turn, off: off as f32 };
+            used += 1;
         }
-        // The turn is within a fifth of straight ahead. Behind the beam it is at its ends, where rates explain least.
-        if y.abs() > 4.0 * x {
-            continue;
-        }
-        let turn = Bearing::of(x, y).turn;
-        let (offset, height) = projection.apply(p, turn);
-        let (u, v) = (offset[0] + projection.origin[0], offset[1] + projection.origin[1]);
-        if !(u >= 0.0 && v >= 0.0 && u < cells && v < cells) {
-            continue;
-        }
-        let (ix, iy) = (u as u32, v as u32);
-        let Some(tile) = window.tiles.get(window.slot(ix >> 4, iy >> 4)) else { continue };
-        let index = ((iy & 15) << 4 | (ix & 15)) as usize;
-        let margin = tile.margin[index & 255];
-        if margin == 0 || margin > SETTLED || tile.tall[index & 255] != 0 {
-            continue;
-        }
-        let known = tile.base.saturating_add(i32::from(tile.height[index & 255]));
-        let off = height.saturating_sub(known);
-        // Beyond half a metre it is another thing, not a misfit.
-        if off.abs() > FARTHEST as i32 {
-            continue;
-        }
-        let Some(pair) = pairs.get_mut(used) else { break };
-        *pair = Pair { x: offset[0] * SCALE, y: offset[1] * SCALE, turn, off: off as f32 };
-        used += 1;
     }
     let pairs = pairs.get(..used).unwrap_or(&[]);
     let mut report = Alignment { compared: used as u32, ..Alignment::default() };

@@ -343,7 +343,8 @@ impl<'a> TerrainMap<'a> {
         if count == 0 {
             return;
         }
-        self.marks.settle(&self.window);
+        // Before the first frame nothing is known.
+        self.marks.settle(&self.window, self.frame != 1);
         let from = self.samples.len().saturating_sub(count);
         for sample in self.samples.get_mut(from..).unwrap_or_default() {
             let (slot, cell) = sample.at();

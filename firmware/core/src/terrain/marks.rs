@@ -249,15 +249,15 @@ impl<'a> Board<'a> {
         }
     }
 
-    /// Settles the ground of every touched tile that the map does not know.
-    pub(crate) fn settle(&mut self, window: &Window<'_>) {
+    /// Settles the ground of every touched tile that the map does not know; `any_known` says that it knows others.
+    pub(crate) fn settle(&mut self, window: &Window<'_>, any_known: bool) {
         let mut next = self.newest;
         while let Some(mark) = self.marks.get_mut(usize::from(next)) {
             let slot = usize::from(next);
             next = mark.before;
             if let Some(tile) = window.tiles.get(slot).filter(|_| !mark.settled && mark.points > 0) {
                 mark.ground = mark.lowest();
-                if let Some((level, rise)) = expected(window, tile) {
+                if any_known && let Some((level, rise)) = expected(window, tile) {
                     mark.rise = rise;
                     // 0.3 m in quarter millimetres: twice a curb.
                     if mark.ground > level.saturating_add(1200) {

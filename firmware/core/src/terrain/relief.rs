@@ -66,8 +66,9 @@ pub(crate) struct Patch {
     /// Whether a row has empty cells.
     gaps: [bool; ROWS],
     rows: [Row; ROWS],
-    /// Two rows as they were before a step.
-    before: [Row; 2],
+    tallest: [Tallest; ROWS],
+    /// The same of the tile's rows, over five.
+    five: [Tallest; TILE_SIDE],
 }
 
 /// Relief of a tile's cells, quarter millimetres; below zero where nothing is known near.
@@ -79,7 +80,8 @@ impl Patch {
         margin: [Half([0; WIDTH]); ROWS],
         gaps: [false; ROWS],
         rows: [Row::EMPTY; ROWS],
-        before: [Row::EMPTY; 2],
+        tallest: [Tallest::EMPTY; ROWS],
+        five: [Tallest::EMPTY; TILE_SIDE],
     };
 
     /// Takes a tile and its surroundings in; whether anything is known of them.
@@ -120,30 +122,38 @@ impl Patch {
         self.flow::<1>(&mut gaps);
         self.flow::<2>(&mut gaps);
         self.flow::<3>(&mut gaps);
-        let mut largest = [NOTHING; TILE_SIDE];
-        for (window, out) in self.rows.windows(5).skip(HALO - 2).zip(out) {
+        let tallest = self.tallest.iter_mut().skip(HALO).zip(&mut self.five);
+        for (window, (three, five)) in self.rows.windows(5).skip(HALO - 2).zip(tallest) {
             if let [a, b, c, d, e] = window {
-                span([a, b, c, d, e], out, &mut largest);
+                over_three(b, c, d, three);
+                over_five(a, three, e, five);
             }
+        }
+        let mut largest = [NOTHING; TILE_SIDE];
+        let rows = self.rows.iter().zip(&self.tallest).skip(HALO).zip(&self.five);
+        for (((row, three), five), out) in rows.zip(out) {
+            span(row, three, five, out, &mut largest);
         }
         largest.iter().copied().fold(NOTHING, i16::max)
     }
 
-    /// One step: cells that are still empty take the extremes of their eight neighbours, in all but the `EDGE` outermost rows. A row that changes
-    /// leaves behind what it was for the one below.
+    /// One step: cells that are still empty take the extremes of their eight neighbours, in all but the `EDGE` outermost rows. Maxima over three rows
+    /// first, of all rows as they are, then those over three columns: read back at once from between two writes they would be waited for.
     fn flow<const EDGE: usize>(&mut self, gaps: &mut [bool; ROWS]) {
-        let [mut before, mut now] = self.before.each_mut();
-        let mut changed = false;
+        if gaps.iter().all(|gap| !*gap) {
+            return;
+        }
+        let tallest = self.tallest.iter_mut().skip(EDGE).take(ROWS - 2 * EDGE);
+        for (near, tallest) in self.rows.windows(3).skip(EDGE - 1).zip(tallest) {
+            if let [above, here, below] = near {
+                over_three(above, here, below, tallest);
+            }
+        }
         for row in EDGE..ROWS - EDGE {
-            let Some(gap) = gaps.get_mut(row).filter(|gap| **gap) else {
-                changed = false;
-                continue;
-            };
-            let near = self.rows.get_mut(row - 1..).and_then(|rows| rows.first_chunk_mut());
-            let Some([above, here, below]) = near else { return };
-            *gap = fill_empty(if changed { before } else { above }, here, below, now, &INSIDE[EDGE]);
-            core::mem::swap(&mut before, &mut now);
-            changed = true;
+            let (gap, tallest, row) = (gaps.get_mut(row), self.tallest.get(row), self.rows.get_mut(row));
+            if let (Some(gap @ true), Some(tallest), Some(row)) = (gap, tallest, row) {
+                *gap = fill_empty(tallest, row, &INSIDE[EDGE]);
+            }
         }
     }
 }
@@ -215,29 +225,41 @@ fn intervals(Half(heights): &Half, Half(margins): &Half, along: &Mask, up: i16, 
     }
 }
 
-/// A row's maxima over three, with a vector of nothing more on each side.
+/// Maxima over three rows, with a vector of nothing more on each side.
+#[derive(Clone, Copy)]
 #[repr(align(16))]
 struct Tallest([i16; 8 + USED + 8]);
 
-/// Fills a row, and keeps it as it was; whether it has empty cells that the next step fills.
+impl Tallest {
+    const EMPTY: Self = Self([NOTHING; 8 + USED + 8]);
+}
+
 #[inline(never)]
-fn fill_empty(Row(above): &Row, Row(here): &mut Row, Row(below): &Row, Row(before): &mut Row, inside: &Mask) -> bool {
-    let mut tallest = Tallest([NOTHING; 8 + USED + 8]);
-    let Tallest(tallest) = &mut tallest;
+fn over_three(Row(above): &Row, Row(here): &Row, Row(below): &Row, Tallest(tallest): &mut Tallest) {
     for column in 0..USED {
         tallest[8 + column] = here[column].max(above[column]).max(below[column]);
     }
+}
+
+#[inline(never)]
+fn over_five(Row(first): &Row, Tallest(three): &Tallest, Row(last): &Row, Tallest(tallest): &mut Tallest) {
     for column in 0..USED {
-        let held = here[column];
-        before[column] = held;
-        let empty = -i16::from(held == NOTHING);
+        tallest[8 + column] = three[8 + column].max(first[column]).max(last[column]);
+    }
+}
+
+/// Fills a row; whether it has empty cells that the next step fills.
+#[inline(never)]
+fn fill_empty(Tallest(tallest): &Tallest, Row(row): &mut Row, inside: &Mask) -> bool {
+    for column in 0..USED {
+        let empty = -i16::from(row[column] == NOTHING);
         let most = tallest[8 + column].max(tallest[7 + column]).max(tallest[9 + column]);
         // Masked and not selected: LLVM turns a select of a stored value into a branch around the store.
-        here[column] = (most & empty) | (held & !empty);
+        row[column] = (most & empty) | (row[column] & !empty);
     }
     let mut left = 0;
     for column in 0..WHOLE {
-        left |= -i16::from(here[column] == NOTHING) & inside[column];
+        left |= -i16::from(row[column] == NOTHING) & inside[column];
     }
     left != 0
 }
@@ -246,18 +268,14 @@ fn fill_empty(Row(above): &Row, Row(here): &mut Row, Row(below): &Row, Row(befor
 /// than a cell. `i16::MIN` where nothing is known and no neighbour reaches: nothing to judge.
 #[inline(never)]
 fn span(
-    [Row(a), Row(b), Row(c), Row(d), Row(e)]: [&Row; 5],
+    Row(row): &Row,
+    Tallest(three): &Tallest,
+    Tallest(five): &Tallest,
     out: &mut [i16; TILE_SIDE],
     largest: &mut [i16; TILE_SIDE],
 ) {
-    let (mut three, mut five) = (Row::EMPTY, Row::EMPTY);
-    let (Row(three), Row(five)) = (&mut three, &mut five);
-    for column in 0..USED {
-        three[column] = b[column].max(c[column]).max(d[column]);
-        five[column] = three[column].max(a[column]).max(e[column]);
-    }
     for (column, (risen, largest)) in out.iter_mut().zip(largest).enumerate() {
-        let at = HALO + column;
+        let at = 8 + HALO + column;
         let over_five = |at: usize| {
             let (near, far) = (five[at - 1].max(five[at + 1]), five[at - 2].max(five[at + 2]));
             near.max(far).max(five[at])
@@ -267,7 +285,7 @@ fn span(
         let near = over_three(at).saturating_add(over_three(COLUMNS + at)).max(0);
         let far_edge = -i16::from(near < (wide >> 1) - (wide >> 3));
         let relief = (near & far_edge) | (wide & !far_edge);
-        let nothing = -i16::from(c[at] == NOTHING);
+        let nothing = -i16::from(row[HALO + column] == NOTHING);
         *risen = (NOTHING & nothing) | (relief & !nothing);
         *largest = (*largest).max(*risen);
     }
