@@ -16,7 +16,7 @@ const KNOWN: u16 = 8;
 /// Ends the chain of touched marks: there are at most 255 x 255.
 const LAST: u16 = u16::MAX;
 
-/// Per-tile scratch of one frame. 172 bytes.
+/// Per-tile scratch of one frame. 188 bytes.
 #[derive(Clone)]
 pub struct Marks {
     touched: bool,

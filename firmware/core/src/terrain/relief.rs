@@ -220,8 +220,8 @@ fn intervals(Half(heights): &Half, Half(margins): &Half, along: &Mask, up: i16, 
         low[column] = (0i16.saturating_sub(level).saturating_sub(margin) & known) | (NOTHING & !known);
     }
     // Over what was too much of the first half.
-    for column in 0..WHOLE {
-        out[COLUMNS + column] = low[column];
+    if let Some(half) = out.get_mut(COLUMNS..).and_then(|rest| rest.first_chunk_mut()) {
+        *half = low;
     }
 }
 
