@@ -94,7 +94,6 @@ impl<'a> Writer<'a> {
 pub struct Reader<'a> {
     /// The code's number less the interval's low end.
     ahead: u32,
-    low: u32,
     range: u32,
     code: &'a [u8],
     /// Bytes taken in, those supplied past the code's end included.
@@ -109,7 +108,6 @@ impl<'a> Reader<'a> {
     pub fn new(code: &'a [u8]) -> Self {
         let mut reader = Self {
             ahead: 0,
-            low: 0,
             range: u32::MAX,
             code,
             pulled: 0,
@@ -152,17 +150,12 @@ impl<'a> Reader<'a> {
     #[inline(always)]
     fn consume(&mut self, below: u32, range: u32) {
         self.ahead = self.ahead.wrapping_sub(below);
-        self.low = self.low.wrapping_add(below);
         self.range = range;
-        // What no writer makes: a number in the sliver above the last symbol, or nothing left of the interval.
-        if self.ahead >= self.range {
-            self.sound = false;
-            self.range = u32::MAX;
-        }
-        // As many bytes as bring the range to NARROW or above; it is not 0.
-        let bytes = self.range.leading_zeros() >> 3;
+        // What no writer makes: a number in the sliver above the last symbol. What is read from there on means nothing.
+        self.sound &= self.ahead < range;
+        // As many bytes as bring the range to NARROW or above. It is not 0: a share is one of at least 2^12 parts, `bits` leaves 2^8.
+        let bytes = (self.range | 1).leading_zeros() >> 3;
         self.pull(bytes);
-        self.low <<= 8 * bytes;
         self.range <<= 8 * bytes;
     }
 
@@ -177,23 +170,27 @@ impl<'a> Reader<'a> {
 
     #[inline(always)]
     fn fetch(&mut self) {
-        let rest = self.code.get(self.pulled..).unwrap_or_default();
-        self.next = match rest.first_chunk() {
-            Some(next) => u32::from_be_bytes(*next),
-            None => last(rest),
-        };
-    }
-
-    /// Whether the code so far could have been written.
-    pub fn is_sound(&self) -> bool {
-        self.sound
+        self.next = bytes_at(self.code, self.pulled);
     }
 
     /// Whether the code is the one that writing the same symbols makes.
     pub fn finish(self) -> bool {
         // A writer pushes one byte more than it has widened by; a reader is four ahead of that count.
         let all_read = self.pulled >= self.code.len() + 3;
-        self.sound && all_read && !self.ends_in_zero && self.ahead == self.low.wrapping_neg() & (NARROW - 1)
+        // The interval's low end is what the last four bytes say less what the number lies ahead of it.
+        let window = bytes_at(self.code, self.pulled.saturating_sub(4));
+        let low = window.wrapping_sub(self.ahead);
+        self.sound && all_read && !self.ends_in_zero && self.ahead == low.wrapping_neg() & (NARROW - 1)
+    }
+}
+
+/// Four bytes of a code, the first on top, and zeros where it has ended.
+#[inline(always)]
+fn bytes_at(code: &[u8], place: usize) -> u32 {
+    let rest = code.get(place..).unwrap_or_default();
+    match rest.first_chunk() {
+        Some(bytes) => u32::from_be_bytes(*bytes),
+        None => last(rest),
     }
 }
 

@@ -46,52 +46,48 @@ pub const STARTS: [[u16; SYMBOLS]; ROWS] = {
     starts
 };
 
-/// Symbols and what fills them up to whole registers of a processor that compares eight at a time.
-const PLACES: usize = SYMBOLS.next_multiple_of(8);
-
-/// A row as a reader wants it.
-pub struct Row {
-    /// Where the share of each symbol ends; what fills up ends nowhere.
-    ends: [i16; PLACES],
-    /// Start and share of each symbol.
-    parts: [(u16, u16); PLACES],
-}
-
-impl Row {
-    /// What a row without symbols would be.
-    const NONE: Self = Self { ends: [i16::MAX; PLACES], parts: [(0, 1); PLACES] };
-
-    #[inline(always)]
-    pub fn of(row: usize) -> &'static Self {
-        ROWS_TO_READ.get(row).unwrap_or(&Self::NONE)
+/// The symbol at each of the 4,096 places of a row.
+///
+/// 64 KiB, of which a scan needs the few rows near its noise; a search would take longer than all else that is done about a symbol. Only a reader
+/// refers to it: a board, which writes, does not have it.
+static SYMBOL_AT: [[u8; 1 << WHOLE_BITS]; ROWS] = {
+    let mut symbols = [[0; 1 << WHOLE_BITS]; ROWS];
+    let mut row = 0;
+    while row < ROWS {
+        let (mut symbol, mut place) = (0, 0);
+        while place < 1 << WHOLE_BITS {
+            if symbol + 1 < SYMBOLS && place == STARTS[row][symbol + 1] {
+                symbol += 1;
+            }
+            symbols[row][place as usize] = symbol as u8;
+            place += 1;
+        }
+        row += 1;
     }
+    symbols
+};
 
-    /// The symbol at a place of 0..4,096, its start and its share.
-    #[inline(always)]
-    pub fn symbol_at(&self, place: u32) -> (u32, u32, u32) {
-        // Counted and not searched: no branch depends on what comes.
-        let place = place as i16;
-        let beyond: i16 = self.ends.iter().map(|&end| i16::from(end > place)).sum();
-        let symbol = (PLACES as i16 - beyond) as u32;
-        let (start, share) = self.parts.get(symbol as usize).copied().unwrap_or((0, 1));
-        (symbol, u32::from(start), u32::from(share))
-    }
-}
-
-static ROWS_TO_READ: [Row; ROWS] = {
-    let mut rows = [Row::NONE; ROWS];
+/// Start and share of each symbol; a power of two of them, so that five bits are an index.
+static PARTS: [[(u16, u16); SYMBOLS.next_power_of_two()]; ROWS] = {
+    let mut parts = [[(0, 1); SYMBOLS.next_power_of_two()]; ROWS];
     let mut row = 0;
     while row < ROWS {
         let mut symbol = 0;
         while symbol < SYMBOLS {
-            rows[row].parts[symbol] = (STARTS[row][symbol], SHARES[row][symbol]);
-            // The last ends with the whole, beyond every place.
-            if symbol < SYMBOLS - 1 {
-                rows[row].ends[symbol] = STARTS[row][symbol + 1] as i16;
-            }
+            parts[row][symbol] = (STARTS[row][symbol], SHARES[row][symbol]);
             symbol += 1;
         }
         row += 1;
     }
-    rows
+    parts
 };
+
+/// The symbol at a place of 0..4,096 in a row of 0..16, its start and its share.
+#[inline(always)]
+pub fn symbol_at(row: usize, place: u32) -> (u32, u32, u32) {
+    // All three are below the powers of two already; said so, no check is left.
+    let (row, place) = (row % ROWS, place as usize % (1 << WHOLE_BITS));
+    let symbol = SYMBOL_AT[row][place];
+    let (start, share) = PARTS[row][usize::from(symbol) % SYMBOLS.next_power_of_two()];
+    (u32::from(symbol), u32::from(start), u32::from(share))
+}

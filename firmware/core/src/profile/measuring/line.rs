@@ -128,7 +128,9 @@ pub fn weigh(samples: &mut [Sample], stride: usize, noise: &Noise, slope_q14: i3
 /// [`weigh`] with a shift that is known already.
 pub fn weigh_by(samples: &mut [Sample], stride: usize, noise: &Noise, slope_q14: i32, shift: u32) {
     let most = (1 << (12 + shift)) - 1;
-    for sample in samples.iter_mut().step_by(stride) {
+    let mut index = 0;
+    while let Some(sample) = samples.get_mut(index) {
+        index += stride.max(1);
         // Rounded down in 32 bits: by less than 1 in 2^4 for the largest variance there is, by 1 in 2^12 for a range noise of 10 mm. The lowest bit
         // of a variance, of which there are more than ten, only says that it is not zero.
         sample.weight = ((u32::MAX / (noise.variance(sample, slope_q14) | 1)) << 5).min(most);
@@ -141,6 +143,12 @@ pub fn weigh_by(samples: &mut [Sample], stride: usize, noise: &Noise, slope_q14:
 pub fn ratio<const FRACTION: u32>(sample: &Sample, square: u32) -> u32 {
     ((u64::from(square) * u64::from(sample.weight)) >> (37 - FRACTION)) as u32
 }
+
+/// Residuals beyond this, 262 mm, count for nothing.
+const E_MOST: i32 = (1 << 15) - 1;
+
+/// Bits of the sum of roots of weights.
+const KEPT_BITS: u32 = 21;
 
 /// The sums of a fit over some samples, exact: those of more or fewer samples follow by adding and subtracting.
 #[derive(Clone, Copy, Debug, Default)]
@@ -162,12 +170,15 @@ pub struct Sums {
 impl Sums {
     /// Over samples that [`weigh`] has weighed, which gave `shift`.
     pub fn over(samples: &[Sample], stride: usize, line: &Line, shift: u32) -> Self {
-        // Locals, two to a word where they fit: there are more sums than registers.
-        let (mut sum_w, mut sum_wu, mut sum_we, mut sum_wuu, mut sum_wue) = (0i32, 0i64, 0i64, 0i64, 0i64);
-        let (mut count_kept, mut effective_chi2) = (0u64, 0u64);
-        for sample in samples.iter().step_by(stride) {
+        let mut sums = Self::default();
+        // Kept samples above, the roots of their weights below: 401 x 2^12 stays below 2^21.
+        let mut count_kept = 0u32;
+        let mut index = 0;
+        while let Some(sample) = samples.get(index) {
+            index += stride.max(1);
             let e = line.residual(sample);
-            if e.unsigned_abs() >= 1 << 15 {
+            // As one comparison: what is not within +/- (2^15 - 1) wraps beyond.
+            if e.wrapping_add(E_MOST) as u32 > 2 * E_MOST as u32 {
                 continue;
             }
             // Which side of the line a sample is on, and whether it counts, cannot be predicted in vegetation: a sample past the gate is
@@ -179,26 +190,17 @@ impl Sums {
             let w = (((sample.weight >> shift) * tukey_q12) >> 12) as i32;
             let u = (sample.u - line.u) >> ARM_BITS;
             let wu = w * u;
-            sum_w += w;
-            sum_wu += i64::from(wu);
-            sum_we += i64::from(w * e);
-            sum_wuu += i64::from(wu) * i64::from(u);
-            sum_wue += i64::from(wu) * i64::from(e);
-            count_kept += u64::from(keep_q12 > 0) << 32 | u64::from(keep_q12);
-            // Chi square: below 2^12 x 2^13 a sample; 401 of them, shifted, stay below 2^27.
-            effective_chi2 += u64::from(tukey_q12) << 32 | u64::from((tukey_q12 * ratio_q8) >> 8);
+            sums.w += w;
+            sums.wu += i64::from(wu);
+            sums.we += i64::from(w * e);
+            sums.wuu += i64::from(wu) * i64::from(u);
+            sums.wue += i64::from(wu) * i64::from(e);
+            count_kept += u32::from(keep_q12 > 0) << KEPT_BITS | keep_q12;
+            // Below 2^12 x 2^13 a sample; 401 of them, shifted, stay below 2^27.
+            sums.effective_q12 += tukey_q12;
+            sums.chi2_q12 += (tukey_q12 * ratio_q8) >> 8;
         }
-        Self {
-            w: sum_w,
-            wu: sum_wu,
-            we: sum_we,
-            wuu: sum_wuu,
-            wue: sum_wue,
-            count: (count_kept >> 32) as u32,
-            chi2_q12: effective_chi2 as u32,
-            effective_q12: (effective_chi2 >> 32) as u32,
-            kept_q12: count_kept as u32,
-        }
+        Self { count: count_kept >> KEPT_BITS, kept_q12: count_kept & ((1 << KEPT_BITS) - 1), ..sums }
     }
 
     /// With the samples of `more` as well.

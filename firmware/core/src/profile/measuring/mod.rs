@@ -28,7 +28,7 @@ pub use sample::Samples;
 /// Measures both sides of a scan, left and right. What was in `samples` before does not matter.
 pub fn measure(scan: &RawScan, track: &RollTrack, config: &Config, samples: &mut Samples) -> (Side, Side) {
     samples.clear();
-    scan::for_each_return(scan, track, &config.scanner, |echo| sample::take(&echo, samples));
+    scan::for_each_return(scan, track, &config.scanner, sample::REACH_UM, |echo| sample::take(&echo, samples));
     if config.scanner.mirrored {
         samples.reverse();
     }

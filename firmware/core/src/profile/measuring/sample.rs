@@ -10,8 +10,8 @@ use crate::scan::{Echo, MAX_BEAMS};
 /// log2 of the micrometres in a grain.
 pub const GRAIN_BITS: u32 = 3;
 
-/// Returns further away than this on either axis are left out: 33.5 m, beyond the scanner's reach in millimetres.
-const REACH_UM: i32 = 1 << (22 + GRAIN_BITS);
+/// Returns from so far away on are left out: 33.5 m, beyond the scanner's reach in millimetres.
+pub const REACH_UM: i32 = 1 << (22 + GRAIN_BITS);
 
 /// Grains in a number of millimetres.
 pub const fn millimetres(mm: i32) -> i32 {
@@ -86,14 +86,11 @@ pub fn inward_of(samples: &[Sample], (u, z): (i32, i32)) -> usize {
     samples.partition_point(|s| i64::from(s.out_q14) * i64::from(z) + i64::from(s.down_q14) * i64::from(u) > 0)
 }
 
-/// Takes a return of a scan, which come from the right to the left, as a sample that counts outward to the left.
+/// Takes a return of a scan from nearer than [`REACH_UM`], which come from the right to the left, as a sample that counts outward to the left.
 ///
 /// Rounding to grains is towards the sensor, so that a mirrored scan gives mirrored samples.
 #[inline(always)]
 pub fn take(echo: &Echo, samples: &mut Samples) {
-    if echo.point.y_um.abs() >= REACH_UM || echo.point.z_um.abs() >= REACH_UM {
-        return;
-    }
     let sample = Sample {
         u: echo.point.y_um / (1 << GRAIN_BITS),
         z: echo.point.z_um >> GRAIN_BITS,

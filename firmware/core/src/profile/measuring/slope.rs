@@ -35,6 +35,8 @@ pub struct Found {
     /// The sample that it was sought from, and its run counted from there.
     from: usize,
     part: Run,
+    /// Half width of its 95 % interval, 30 fraction bits, once it has settled.
+    half_q30: u32,
 }
 
 /// Finds and measures the slope that is `wanted`, from sample `from` on, which is `start` outward; keeps what its residuals say about the noise. `inner` is the
@@ -83,7 +85,7 @@ pub fn measure(
     }
     let part = run;
     let run = Run { first: run.first + from, last: run.last + from, score: run.score };
-    Some(Found { fit, run, noise: *noise, undulates, unclear, from, part })
+    Some(Found { fit, run, noise: *noise, undulates, unclear, from, part, half_q30: u32::MAX })
 }
 
 /// The gate in which undulating ground is followed.
@@ -205,12 +207,13 @@ impl Found {
     pub fn settle(&mut self, samples: &mut [Sample], start: &Place, end: &Place, noise: &Noise) {
         let first = inward_of(samples, self.fit.line.place_at(start.u));
         let past = inward_of(samples, self.fit.line.place_at(end.u));
-        let Some(part) = samples.get_mut(first..past) else { return };
-        if let Some(fit) = refit(part, &self.fit.line, noise)
+        if let Some(part) = samples.get_mut(first..past)
+            && let Some(fit) = refit(part, &self.fit.line, noise)
             && fit.count >= LEAST_SAMPLES.min(self.fit.count)
         {
             self.fit = if self.undulates { uneven(fit, noise) } else { fit };
         }
+        self.half_q30 = interval(&self.fit);
     }
 }
 
@@ -275,7 +278,7 @@ fn marks(part: &[Sample], found: &Found, noise: &Noise, obstruction: i32) -> u16
         marks |= flags::OBSTRUCTED;
     }
     // Too few of what is there agrees, or too little is there to tell a slope from chance.
-    if 20 * on < 11 * count || found.unclear || found.fit.count < 6 || interval(&found.fit) > DOUBTFUL_HALF_Q30 {
+    if 20 * on < 11 * count || found.unclear || found.fit.count < 6 || found.half_q30 > DOUBTFUL_HALF_Q30 {
         marks |= flags::DOUBTFUL;
     }
     marks
@@ -296,7 +299,7 @@ impl Found {
         // d(angle) = d(slope) cos^2, and 2^30 units of slope are 2^32 / (2 pi) units of angle: 4 / (2 pi).
         const UNITS_Q32: u64 = 2_734_261_102;
         let cos2_q30 = (i64::from(cosine) * i64::from(cosine)) as u64 >> 30;
-        let flat = (u64::from(interval(&self.fit)) * UNITS_Q32) >> 32;
+        let flat = (u64::from(self.half_q30) * UNITS_Q32) >> 32;
         let ci95 = ((flat * cos2_q30) >> 30).min(1 << 30) as i32;
         let run_um = i64::from(end.u.abs_diff(start.u)) << GRAIN_BITS;
         Slope {
@@ -312,7 +315,7 @@ impl Found {
     /// Whether slope and length, from hinge to hinge, are within the limits: by their best estimates, give or take their intervals.
     pub fn within(&self, start: &Place, end: &Place, wanted: &Wanted) -> bool {
         let slope_q14 = self.fit.line.slope_q14();
-        let half_q14 = (interval(&self.fit).min(1 << 28) >> 16) as i32;
+        let half_q14 = (self.half_q30.min(1 << 28) >> 16) as i32;
         let run = end.u - start.u;
         let doubt = (start.half.max(end.half)).min(1 << 15) as i32;
         let least = wanted.least_q14 + super::SLACK_Q14 - half_q14;
