@@ -4,6 +4,8 @@
 //! last interval, zeros at its end left off; the reader supplies them. So every sequence of symbols has one code, and
 //! the reader can tell in the end whether what it has read is that one.
 
+use super::MAX_CODE;
+
 /// Parts that a symbol's share is counted in.
 pub const WHOLE_BITS: u32 = 12;
 
@@ -87,6 +89,34 @@ impl<'a> Writer<'a> {
     }
 }
 
+/// A code as a reader wants it, with zeros after its end: four bytes can be taken anywhere without a second look.
+pub struct Padded {
+    bytes: [u8; PLACES + 4],
+    len: usize,
+    ends_in_zero: bool,
+}
+
+/// Places of a padded code that may be read; a power of two beyond the longest code and what is supplied after it.
+const PLACES: usize = (MAX_CODE + 8).next_power_of_two();
+
+impl Padded {
+    /// Of a code of at most [`MAX_CODE`] bytes; what is beyond is left off.
+    pub fn new(code: &[u8]) -> Self {
+        let mut bytes = [0; PLACES + 4];
+        for (place, &byte) in bytes.iter_mut().zip(code.iter().take(MAX_CODE)) {
+            *place = byte;
+        }
+        Self { bytes, len: code.len(), ends_in_zero: code.last() == Some(&0) }
+    }
+
+    /// Four bytes, the first on top. Places count round: who has come so far reads what no writer has made.
+    #[inline(always)]
+    fn at(&self, place: usize) -> u32 {
+        let place = place % PLACES;
+        self.bytes.get(place..place + 4).and_then(|four| four.first_chunk()).map_or(0, |four| u32::from_be_bytes(*four))
+    }
+}
+
 /// Reads a code.
 ///
 /// What the next byte or symbol is cannot be foreseen, and a processor that guesses wrong loses more time than a symbol takes: so the steps here
@@ -95,30 +125,17 @@ pub struct Reader<'a> {
     /// The code's number less the interval's low end.
     ahead: u32,
     range: u32,
-    code: &'a [u8],
+    code: &'a Padded,
     /// Bytes taken in, those supplied past the code's end included.
     pulled: usize,
     /// The four bytes after those, the first on top: fetched before it is known how many are wanted.
     next: u32,
     sound: bool,
-    ends_in_zero: bool,
 }
 
 impl<'a> Reader<'a> {
-    pub fn new(code: &'a [u8]) -> Self {
-        let mut reader = Self {
-            ahead: 0,
-            range: u32::MAX,
-            code,
-            pulled: 0,
-            next: 0,
-            sound: true,
-            ends_in_zero: code.last() == Some(&0),
-        };
-        reader.fetch();
-        reader.pull(3);
-        reader.pull(1);
-        reader
+    pub fn new(code: &'a Padded) -> Self {
+        Self { ahead: code.at(0), range: u32::MAX, code, pulled: 4, next: code.at(4), sound: true }
     }
 
     /// Where in 0..4,096 the next symbol lies. To be followed by [`Reader::take`].
@@ -165,41 +182,15 @@ impl<'a> Reader<'a> {
         let bits = 8 * bytes;
         self.ahead = self.ahead << bits | (u64::from(self.next) << bits >> 32) as u32;
         self.pulled += bytes as usize;
-        self.fetch();
-    }
-
-    #[inline(always)]
-    fn fetch(&mut self) {
-        self.next = bytes_at(self.code, self.pulled);
+        self.next = self.code.at(self.pulled);
     }
 
     /// Whether the code is the one that writing the same symbols makes.
     pub fn finish(self) -> bool {
         // A writer pushes one byte more than it has widened by; a reader is four ahead of that count.
-        let all_read = self.pulled >= self.code.len() + 3;
+        let all_read = self.pulled >= self.code.len + 3 && self.pulled < PLACES;
         // The interval's low end is what the last four bytes say less what the number lies ahead of it.
-        let window = bytes_at(self.code, self.pulled.saturating_sub(4));
-        let low = window.wrapping_sub(self.ahead);
-        self.sound && all_read && !self.ends_in_zero && self.ahead == low.wrapping_neg() & (NARROW - 1)
+        let low = self.code.at(self.pulled.wrapping_sub(4)).wrapping_sub(self.ahead);
+        self.sound && all_read && !self.code.ends_in_zero && self.ahead == low.wrapping_neg() & (NARROW - 1)
     }
-}
-
-/// Four bytes of a code, the first on top, and zeros where it has ended.
-#[inline(always)]
-fn bytes_at(code: &[u8], place: usize) -> u32 {
-    let rest = code.get(place..).unwrap_or_default();
-    match rest.first_chunk() {
-        Some(bytes) => u32::from_be_bytes(*bytes),
-        None => last(rest),
-    }
-}
-
-/// Fewer than four bytes, and zeros after them.
-#[cold]
-fn last(rest: &[u8]) -> u32 {
-    let mut next = [0; 4];
-    for (place, &byte) in next.iter_mut().zip(rest) {
-        *place = byte;
-    }
-    u32::from_be_bytes(next)
 }

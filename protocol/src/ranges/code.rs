@@ -9,7 +9,7 @@
 //!     1 | new flag bits, then the beam once more
 //! ```
 
-use super::arithmetic::{Reader, WHOLE_BITS, Writer};
+use super::arithmetic::{Padded, Reader, WHOLE_BITS, Writer};
 use super::estimate::{self, Estimate, MAX_SHIFT};
 use super::predictor::{Forecast, Predictor, Steps};
 use super::residual::{BEYOND, MAGNITUDES, SPECIAL, Scale};
@@ -218,7 +218,8 @@ fn write_symbol(writer: &mut Writer<'_>, scale: Scale, symbol: u32) {
 
 /// Read as many values as `values` has room for; `None` unless [`write`] makes `code` from them.
 pub fn read(geometry: Geometry, code: &[u8], values: &mut [u16]) -> Option<()> {
-    let mut reader = Reader::new(code);
+    let code = Padded::new(code);
+    let mut reader = Reader::new(&code);
     let shift = if geometry.interlaced { reader.bits(12) as i32 - MAX_SHIFT } else { 0 };
     if shift > MAX_SHIFT {
         return None;
