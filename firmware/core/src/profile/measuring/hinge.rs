@@ -2,7 +2,7 @@
 
 use crossfall_protocol::message::{Hinge, flags};
 
-use super::line::{Fit, Line, fit, ratio, weigh};
+use super::line::{Fit, Line, Precision, fit, ratio, weigh};
 use super::magnitude::Magnitude;
 use super::sample::{GRAIN_BITS, Noise, Outward, Sample, inward_of, millimetres};
 use super::slope::Found;
@@ -205,8 +205,10 @@ fn level(samples: &mut [Sample], noise: &Noise) -> Option<Ground> {
     let fit = Fit {
         line,
         count: near as u32,
-        slope_variance: Magnitude::new(7, -13),
-        height_variance: Magnitude::new(u64::from(variance), 0).over(Magnitude::new(near.max(1) as u64, 0)),
+        precision: Precision::Variances {
+            slope: Magnitude::new(7, -13),
+            height: Magnitude::new(u64::from(variance), 0).over(Magnitude::new(near.max(1) as u64, 0)),
+        },
         chi2_q8: 0,
         effective_q8: 0,
     };

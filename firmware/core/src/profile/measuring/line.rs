@@ -79,21 +79,49 @@ pub struct Fit {
     pub line: Line,
     /// Samples with a weight.
     pub count: u32,
-    /// Variance of the slope, if the noise is as assumed.
-    pub slope_variance: Magnitude,
-    /// Variance of the height at the reference, in square grains, likewise.
-    pub height_variance: Magnitude,
+    /// How sure it is of its line, if the noise is as assumed.
+    pub precision: Precision,
     /// Sum of squared residuals over their variances, Tukey-weighted and freed of the weights' bias, with 8 fraction bits.
     pub chi2_q8: u32,
     /// Sum of Tukey weights, with 8 fraction bits.
     pub effective_q8: u32,
 }
 
+/// How sure a fit is of its line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Precision {
+    /// Of weights w = 2^`scale` / variance: their sum, and that of w times the squared distance from the reference in units of 32 grains. Most fits
+    /// are steps to the next: nobody asks for what takes divisions.
+    Sums { w: i32, spread: i64, scale: i32 },
+    /// Variance of the slope, and of the height at the reference in square grains.
+    Variances { slope: Magnitude, height: Magnitude },
+}
+
 impl Fit {
+    /// Variance of the slope.
+    pub fn slope_variance(&self) -> Magnitude {
+        match self.precision {
+            Precision::Sums { spread, scale, .. } => {
+                Magnitude::new(1, scale - 2 * ARM_BITS as i32).over(Magnitude::new(spread.unsigned_abs(), 0))
+            }
+            Precision::Variances { slope, .. } => slope,
+        }
+    }
+
+    /// Variance of the height at the reference, in square grains.
+    pub fn height_variance(&self) -> Magnitude {
+        match self.precision {
+            Precision::Sums { w, scale, .. } => {
+                Magnitude::new(1, scale).over(Magnitude::new(u64::from(w.unsigned_abs()), 0))
+            }
+            Precision::Variances { height, .. } => height,
+        }
+    }
+
     /// Variance of the height at `u`, in square grains.
     pub fn variance_at(&self, u: i32) -> Magnitude {
         let arm = Magnitude::new(u64::from(u.abs_diff(self.line.u)), 0);
-        self.height_variance.plus(arm.squared().times(self.slope_variance))
+        self.height_variance().plus(arm.squared().times(self.slope_variance()))
     }
 
     /// Variance of the residuals over what was assumed, with `prior` observations as assumed, 10 fraction bits.
@@ -276,8 +304,7 @@ impl Sums {
         Some(Fit {
             line: fitted,
             count: self.count,
-            slope_variance: Magnitude::new(1, scale - 2 * ARM_BITS as i32).over(Magnitude::new(spread as u64, 0)),
-            height_variance: Magnitude::new(1, scale).over(Magnitude::new(self.w as u64, 0)),
+            precision: Precision::Sums { w: self.w, spread, scale },
             chi2_q8: ((chi2_q12 * TRIM_Q8) >> 12) as u32,
             effective_q8: self.effective_q12 >> 4,
         })

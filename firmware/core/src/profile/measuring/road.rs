@@ -162,7 +162,9 @@ fn updated(noise: &Noise, found: &Fit) -> Noise {
     // At the road the beam is nearly square to the surface: g is about 0.9, and the surface's part is taken off.
     let assumed = u64::from(noise.range * noise.range) + u64::from(noise.rough2);
     let total = (assumed * u64::from(found.ratio_q10(PRIOR))) >> 10;
-    let range = total.saturating_sub(u64::from(noise.rough2)).isqrt() as u32;
+    // Its root is clamped to less than what 32 bits have.
+    let range = total.saturating_sub(u64::from(noise.rough2)).min(u64::from(u32::MAX)) as u32;
+    let range = range.isqrt();
     Noise { range: range.clamp(millimetres(1) as u32 / 2, Noise::MAX_RANGE), ..*noise }
 }
 

@@ -4,7 +4,7 @@ use crossfall_protocol::Angle;
 use crossfall_protocol::message::{Slope, flags};
 
 use super::hinge::Place;
-use super::line::{Fit, Line, fit, weigh};
+use super::line::{Fit, Line, Precision, fit, weigh};
 use super::magnitude::Magnitude;
 use super::sample::{GRAIN_BITS, Noise, Outward, Sample, inward_of, millimetres};
 use super::search::{self, Run, Wanted};
@@ -181,9 +181,9 @@ const ROUGHNESSES: [u32; 12] = {
 /// is not, as samples lie closer near the sensor, made the errors of simulated slopes one and a half times those of independent residuals. At
 /// its ends the ground is off the line by the undulations themselves.
 fn uneven(fitted: Fit, noise: &Noise) -> Fit {
-    let slope_variance = fitted.slope_variance.times(Magnitude::new(9, -2));
-    let height_variance = fitted.height_variance.plus(Magnitude::new(u64::from(noise.rough2), 0));
-    Fit { slope_variance, height_variance, ..fitted }
+    let slope = fitted.slope_variance().times(Magnitude::new(9, -2));
+    let height = fitted.height_variance().plus(Magnitude::new(u64::from(noise.rough2), 0));
+    Fit { precision: Precision::Variances { slope, height }, ..fitted }
 }
 
 /// What is more than undulation: beyond 20 mm squared about the best line it is two slopes.
@@ -240,7 +240,7 @@ fn interval(fitted: &Fit) -> u32 {
     // Student's t at 97.5 %: 1.96 + 2.37 / n + 2.8 / n^2, good to 1 % from 5 degrees of freedom on.
     let freedom = u64::from((fitted.effective_q8 >> 8).saturating_sub(2) + INTERVAL_PRIOR).max(1);
     let t_q10 = 2007 + 2427 / freedom + 2867 / (freedom * freedom);
-    let half = fitted.slope_variance.times(scale).root().times(Magnitude::new(t_q10, -10));
+    let half = fitted.slope_variance().times(scale).root().times(Magnitude::new(t_q10, -10));
     half.scaled(30)
 }
 
