@@ -69,7 +69,10 @@ fn measure_side(samples: &mut [Sample], outward: Outward, unit_um: i32, survey: 
     // In a cut the slope beside the road is the one that rises from it; what lies behind its top is another matter.
     let (mut bank, mut cut) = (None, road.noise);
     if road.is_below(samples, departure) {
-        bank = slope::measure(samples, (from, start), None, &wanted(true), &mut cut);
+        let line = &road.fit.line;
+        let lowest = line.height_at(departure) - SUNK;
+        bank = slope::measure(samples, (from, start), None, &wanted(true), &mut cut)
+            .filter(|bank| bank.fit.line.height_at(departure) > lowest);
     }
     let rises = bank.is_some();
     if rises {
@@ -89,6 +92,9 @@ fn measure_side(samples: &mut [Sample], outward: Outward, unit_um: i32, survey: 
     section.report(&mut side, samples, &wanted(rises), &wanted(true));
     side
 }
+
+/// A bank whose line passes so far below the edge of the road begins further out than one that stands beside it: it is the far side of a ditch.
+const SUNK: i32 = sample::millimetres(500);
 
 /// A candidate may miss the limits by about 0.6 degrees: its base is short and noisy. The measured slope may not.
 const SLACK_Q14: i32 = 170;
@@ -163,14 +169,17 @@ impl Section {
         self.road.settle(samples, |road| hinge::edge(road, departure, &adjacent).u);
         let Hinges { edge, foot, facing } = self.hinges(samples);
         side.edge = Some(edge.message(self.outward));
-        if self.adjacent.within(&edge, &foot, beside) {
+        // What is there and cannot be told is said, not guessed.
+        let untold = |slope: &Found| if slope.is_told() { 0 } else { flags::DOUBTFUL };
+        side.flags |= untold(&self.adjacent) | self.opposing.as_ref().map_or(0, untold);
+        if self.adjacent.is_told() && self.adjacent.within(&edge, &foot, beside) {
             side.adjacent = Some(self.adjacent.message(self.outward, &edge, &foot));
             side.flags |=
                 self.adjacent.marks(samples, &edge, &foot, &self.noise_of(&self.adjacent), beside.obstruction);
             side.flags |= hinge::rounded(samples, &edge, &self.road.fit.line, &self.adjacent.fit.line, &self.noise);
         }
         match (self.opposing, facing) {
-            (Some(opposing), Some((start, top))) if opposing.within(&start, &top, beyond) => {
+            (Some(opposing), Some((start, top))) if opposing.is_told() && opposing.within(&start, &top, beyond) => {
                 side.opposing = Some(opposing.message(self.outward, &start, &top));
                 side.flags |= opposing.marks(samples, &start, &top, &self.noise_of(&opposing), beyond.obstruction);
                 side.flags |= if top.seen { 0 } else { flags::END_UNSEEN };

@@ -287,8 +287,11 @@ fn marks(part: &[Sample], found: &Found, noise: &Noise, obstruction: i32) -> u16
 /// This many beams in a row without a return on a slope are a shadow rather than chance.
 const SHADOW_BEAMS: u16 = 6;
 
-/// An interval wider than +/-0.5 degrees.
+/// An interval wider than +/-0.5 degrees, ...
 const DOUBTFUL_HALF_Q30: u32 = 9_370_000;
+
+/// ... and one wider than +/-0.7 degrees.
+const UNTOLD_HALF_Q30: u32 = 13_118_000;
 
 impl Found {
     /// The slope as it is reported.
@@ -310,6 +313,11 @@ impl Found {
             start: start.message(outward),
             end: end.message(outward),
         }
+    }
+
+    /// Whether its samples tell the slope: by an interval that leaves of slopes of 4 to 10 degrees more than which way they fall.
+    pub fn is_told(&self) -> bool {
+        self.half_q30 <= UNTOLD_HALF_Q30
     }
 
     /// Whether slope and length, from hinge to hinge, are within the limits: by their best estimates, give or take their intervals.
