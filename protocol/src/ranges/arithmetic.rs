@@ -154,12 +154,7 @@ impl<'a> Reader<'a> {
     #[inline(always)]
     pub fn bits(&mut self, count: u32) -> u32 {
         let part = self.range >> count;
-        // Mostly it is a sign, or nothing at all, which takes no division.
-        let value = if count <= 1 {
-            u32::from(self.ahead >= part) & count
-        } else {
-            (self.ahead / part.max(1)).min((1 << count) - 1)
-        };
+        let value = (self.ahead / part.max(1)).min((1 << count) - 1);
         self.consume(part.wrapping_mul(value), part);
         value
     }

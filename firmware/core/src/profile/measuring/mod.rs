@@ -17,7 +17,7 @@ use crossfall_protocol::message::{Hinge, Side, flags};
 
 use crate::scan::{self, RawScan, RollTrack};
 use crate::trig;
-use hinge::{Ground, Place};
+use hinge::{Ground, Place, Want};
 use road::Road;
 use sample::{GRAIN_BITS, Noise, Outward, Sample};
 use search::Wanted;
@@ -133,15 +133,15 @@ struct Hinges {
 }
 
 impl Section {
-    fn hinges(&self, samples: &[Sample]) -> Hinges {
+    fn hinges(&self, samples: &[Sample], want: Want) -> Hinges {
         let Self { adjacent, floor, opposing, beyond, noise, .. } = self;
-        let edge = hinge::edge(&self.road.fit, self.departure, adjacent);
+        let edge = hinge::edge(&self.road.fit, self.departure, adjacent, want);
         match opposing {
             Some(opposing) => {
-                let (foot, start) = hinge::across(samples, adjacent, opposing, floor, noise);
-                Hinges { edge, foot, facing: Some((start, hinge::end(samples, opposing, beyond, noise))) }
+                let (foot, start) = hinge::across(samples, adjacent, opposing, floor, noise, want);
+                Hinges { edge, foot, facing: Some((start, hinge::end(samples, opposing, beyond, noise, want))) }
             }
-            None => Hinges { edge, foot: hinge::end(samples, adjacent, beyond, noise), facing: None },
+            None => Hinges { edge, foot: hinge::end(samples, adjacent, beyond, noise, want), facing: None },
         }
     }
 
@@ -153,7 +153,7 @@ impl Section {
 
     /// Fits the slopes anew between the hinges that they make.
     fn settle(&mut self, samples: &mut [Sample]) {
-        let Hinges { edge, foot, facing } = self.hinges(samples);
+        let Hinges { edge, foot, facing } = self.hinges(samples, Want::Places);
         let adjacent = self.adjacent;
         self.adjacent.settle(samples, &edge, &foot, &self.noise_of(&adjacent));
         let noise = self.opposing.map_or(self.noise, |opposing| self.noise_of(&opposing));
@@ -166,8 +166,8 @@ impl Section {
     fn report(mut self, side: &mut Side, samples: &mut [Sample], beside: &Wanted, beyond: &Wanted) {
         self.settle(samples);
         let (departure, adjacent) = (self.departure, self.adjacent);
-        self.road.settle(samples, |road| hinge::edge(road, departure, &adjacent).u);
-        let Hinges { edge, foot, facing } = self.hinges(samples);
+        self.road.settle(samples, |road| hinge::edge(road, departure, &adjacent, Want::Places).u);
+        let Hinges { edge, foot, facing } = self.hinges(samples, Want::Intervals);
         side.edge = Some(edge.message(self.outward));
         // What is there and cannot be told is said, not guessed.
         let untold = |slope: &Found| if slope.is_told() { 0 } else { flags::DOUBTFUL };
