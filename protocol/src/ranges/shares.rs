@@ -46,26 +46,28 @@ pub const STARTS: [[u16; SYMBOLS]; ROWS] = {
     starts
 };
 
-/// The symbol at each of the 4,096 places of a row.
-///
-/// 64 KiB, of which a scan needs the few rows near its noise; a search would take longer than all else that is done about a symbol. Only a reader
-/// refers to it: a board, which writes, does not have it.
-static SYMBOL_AT: [[u8; 1 << WHOLE_BITS]; ROWS] = {
-    let mut symbols = [[0; 1 << WHOLE_BITS]; ROWS];
+/// The symbol at the first of every 16 places of a row: hardly ever another begins among the other 15. Only a reader refers to it: a board,
+/// which writes, does not have it.
+static SYMBOL_FROM: [[u8; STEPS]; ROWS] = {
+    let mut symbols = [[0; STEPS]; ROWS];
     let mut row = 0;
     while row < ROWS {
-        let (mut symbol, mut place) = (0, 0);
-        while place < 1 << WHOLE_BITS {
-            if symbol + 1 < SYMBOLS && place == STARTS[row][symbol + 1] {
+        let (mut symbol, mut step) = (0, 0);
+        while step < STEPS {
+            while symbol + 1 < SYMBOLS && STARTS[row][symbol + 1] as usize <= step * STEP {
                 symbol += 1;
             }
-            symbols[row][place as usize] = symbol as u8;
-            place += 1;
+            symbols[row][step] = symbol as u8;
+            step += 1;
         }
         row += 1;
     }
     symbols
 };
+
+/// Places in a step, and steps in a row.
+const STEP: usize = 16;
+const STEPS: usize = (1 << WHOLE_BITS) / STEP;
 
 /// Start and share of each symbol; a power of two of them, so that five bits are an index.
 static PARTS: [[(u16, u16); SYMBOLS.next_power_of_two()]; ROWS] = {
@@ -85,9 +87,14 @@ static PARTS: [[(u16, u16); SYMBOLS.next_power_of_two()]; ROWS] = {
 /// The symbol at a place of 0..4,096 in a row of 0..16, its start and its share.
 #[inline(always)]
 pub fn symbol_at(row: usize, place: u32) -> (u32, u32, u32) {
-    // All three are below the powers of two already; said so, no check is left.
-    let (row, place) = (row % ROWS, place as usize % (1 << WHOLE_BITS));
-    let symbol = SYMBOL_AT[row][place];
-    let (start, share) = PARTS[row][usize::from(symbol) % SYMBOLS.next_power_of_two()];
-    (u32::from(symbol), u32::from(start), u32::from(share))
+    // What is below a power of two already: said so, no check is left.
+    let row = row % ROWS;
+    let part = |symbol: u32| PARTS[row][symbol as usize % SYMBOLS.next_power_of_two()];
+    let mut symbol = u32::from(SYMBOL_FROM[row][place as usize / STEP % STEPS]);
+    let (mut start, mut share) = part(symbol);
+    while place >= u32::from(start) + u32::from(share) && symbol + 1 < SYMBOLS as u32 {
+        symbol += 1;
+        (start, share) = part(symbol);
+    }
+    (symbol, u32::from(start), u32::from(share))
 }
