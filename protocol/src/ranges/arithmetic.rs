@@ -138,23 +138,34 @@ impl<'a> Reader<'a> {
         Self { ahead: code.at(0), range: u32::MAX, code, pulled: 4, next: code.at(4), sound: true }
     }
 
-    /// Where in 0..4,096 the next symbol lies. To be followed by [`Reader::take`].
+    /// Where in 0..4,096 the next symbol lies. To be followed by [`Reader::take`] or [`Reader::take_last`].
     #[inline(always)]
     pub fn peek(&self) -> u32 {
         let part = (self.range >> WHOLE_BITS).max(1);
         (self.ahead / part).min((1 << WHOLE_BITS) - 1)
     }
 
+    /// Takes the symbol in which the place lies, when it is not the last of all.
     #[inline(always)]
     pub fn take(&mut self, start: u32, size: u32) {
         let part = self.range >> WHOLE_BITS;
         self.consume(part.wrapping_mul(start), part.wrapping_mul(size));
     }
 
+    /// Takes the last symbol of all. Above it is a sliver of the interval that is no symbol's: a number there no writer makes, and what is read from
+    /// there on means nothing.
+    pub fn take_last(&mut self, start: u32) {
+        self.sound &= self.ahead < self.range >> WHOLE_BITS << WHOLE_BITS;
+        self.take(start, (1 << WHOLE_BITS) - start);
+    }
+
     #[inline(always)]
     pub fn bits(&mut self, count: u32) -> u32 {
         let part = self.range >> count;
-        let value = (self.ahead / part.max(1)).min((1 << count) - 1);
+        let (value, most) = (self.ahead / part.max(1), (1 << count) - 1);
+        // The sliver again.
+        self.sound &= value <= most;
+        let value = value.min(most);
         self.consume(part.wrapping_mul(value), part);
         value
     }
@@ -162,13 +173,10 @@ impl<'a> Reader<'a> {
     #[inline(always)]
     fn consume(&mut self, below: u32, range: u32) {
         self.ahead = self.ahead.wrapping_sub(below);
-        self.range = range;
-        // What no writer makes: a number in the sliver above the last symbol. What is read from there on means nothing.
-        self.sound &= self.ahead < range;
         // As many bytes as bring the range to NARROW or above. It is not 0: a share is one of at least 2^12 parts, `bits` leaves 2^8.
-        let bytes = (self.range | 1).leading_zeros() >> 3;
+        let bytes = (range | 1).leading_zeros() >> 3;
         self.pull(bytes);
-        self.range <<= 8 * bytes;
+        self.range = range << (8 * bytes);
     }
 
     /// Takes in 0 to 3 bytes.

@@ -235,10 +235,12 @@ pub fn read(geometry: Geometry, code: &[u8], values: &mut [u16]) -> Option<()> {
             if symbol < BEYOND {
                 reader.take(start, share);
                 let residual = read_residual(&mut reader, scale, symbol);
-                let range = u16::try_from(forecast.range.wrapping_add(residual)).ok()?;
-                if range >= geometry.first_special() {
+                // Negative ones are the greatest.
+                let range = forecast.range.wrapping_add(residual) as u32;
+                if range >= u32::from(geometry.first_special()) {
                     return None;
                 }
+                let range = range as u16;
                 *value = state.flags | range;
                 state.predictor.correct(range);
                 continue;
@@ -271,7 +273,7 @@ fn read_rare<'a>(
         }
         _ => {
             if again.is_some() {
-                reader.take(AGAIN, (1 << WHOLE_BITS) - AGAIN);
+                reader.take_last(AGAIN);
             }
             let value = match expectation {
                 Expectation::Literal => reader.bits(16) as u16,
@@ -345,6 +347,10 @@ fn read_residual(reader: &mut Reader<'_>, scale: Scale, magnitude: u32) -> i32 {
 #[inline(always)]
 fn read_symbol(reader: &mut Reader<'_>, scale: Scale) -> u32 {
     let (symbol, start, share) = symbol_at(scale.row, reader.peek());
-    reader.take(start, share);
+    if symbol == SPECIAL {
+        reader.take_last(start);
+    } else {
+        reader.take(start, share);
+    }
     symbol
 }
