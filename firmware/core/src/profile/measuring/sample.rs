@@ -74,8 +74,9 @@ impl Noise {
     /// g = down + slope x out. At most 2^13 x 1.5 squared + 2^24 < 2^28.
     pub fn variance(&self, sample: &Sample, slope_q14: i32) -> u32 {
         let g_q14 = i32::from(sample.down_q14) + ((slope_q14 * i32::from(sample.out_q14)) >> 14);
-        let part = (self.range * g_q14.unsigned_abs()) >> 14;
-        part * part + self.rough2
+        // Rounded down, so that of two beams alike but for the side of the surface that they meet one has a grain more.
+        let part = (self.range as i32 * g_q14) >> 14;
+        (part * part) as u32 + self.rough2
     }
 }
 
