@@ -9,6 +9,7 @@
 //! length, so that two payloads could mean the same. (The one freedom left is COBS's own: a block of 254 at the very
 //! end may be followed by an empty one.)
 
+use core::ffi::CStr;
 use core::marker::PhantomData;
 
 use postcard::ser_flavors::Flavor;
@@ -156,7 +157,7 @@ impl<D: Direction, const N: usize> Decoder<D, N> {
     /// used up first. Call it until then.
     pub fn next<'a>(&'a mut self, input: &mut &[u8]) -> Option<Event<'a, D::Body<'a>>> {
         loop {
-            let end = input.iter().position(|&byte| byte == DELIMITER);
+            let end = delimiter(input);
             let (taken, rest) = input.split_at_checked(end.map_or(input.len(), |end| end + 1))?;
             *input = rest;
             self.keep(taken);
@@ -213,6 +214,12 @@ impl<D: Direction, const N: usize> Decoder<D, N> {
             }
         }
     }
+}
+
+/// Where the first delimiter is. It is the byte that ends a C string, and the library looks for that many bytes at a time.
+fn delimiter(bytes: &[u8]) -> Option<usize> {
+    const { assert!(DELIMITER == 0, "what ends a C string") };
+    CStr::from_bytes_until_nul(bytes).ok().map(CStr::count_bytes)
 }
 
 /// A fault, and the sequence number as far as it is known.
