@@ -9,11 +9,13 @@
 //! length, so that two payloads could mean the same. (The one freedom left is COBS's own: a block of 254 at the very
 //! end may be followed by an empty one.)
 
+use core::ffi::CStr;
 use core::marker::PhantomData;
 
 use postcard::ser_flavors::Flavor;
 use serde::{Deserialize, Serialize};
 
+use super::unstuff::unstuff;
 use super::{CRC, CRC_LEN, DELIMITER, Direction, MAX_COMMAND_FRAME, MAX_MESSAGE_FRAME, ToBoard, ToHost};
 
 /// Decoder on the host: messages from a board.
@@ -156,7 +158,7 @@ impl<D: Direction, const N: usize> Decoder<D, N> {
     /// used up first. Call it until then.
     pub fn next<'a>(&'a mut self, input: &mut &[u8]) -> Option<Event<'a, D::Body<'a>>> {
         loop {
-            let end = input.iter().position(|&byte| byte == DELIMITER);
+            let end = delimiter(input);
             let (taken, rest) = input.split_at_checked(end.map_or(input.len(), |end| end + 1))?;
             *input = rest;
             self.keep(taken);
@@ -215,14 +217,21 @@ impl<D: Direction, const N: usize> Decoder<D, N> {
     }
 }
 
+/// Where the first delimiter is. It is the byte that ends a C string, and the library looks for that many bytes at a time.
+fn delimiter(bytes: &[u8]) -> Option<usize> {
+    const { assert!(DELIMITER == 0, "what ends a C string") };
+    CStr::from_bytes_until_nul(bytes).ok().map(CStr::count_bytes)
+}
+
 /// A fault, and the sequence number as far as it is known.
 type Refusal = (Fault, Option<u16>);
 
 /// The payload of a frame, delimiter included, whose check matches.
 fn unframe<'a>(raw: &[u8], plain: &'a mut [u8]) -> Result<&'a [u8], Refusal> {
-    let report = cobs::decode(raw, plain).map_err(|_| (Fault::BadCobs, None))?;
+    let (_, code) = raw.split_last().ok_or((Fault::BadCobs, None))?;
+    let len = unstuff(code, plain).ok_or((Fault::BadCobs, None))?;
     let plain: &'a [u8] = plain;
-    let framed = plain.get(..report.frame_size()).ok_or((Fault::BadCobs, None))?;
+    let framed = plain.get(..len).ok_or((Fault::BadCobs, None))?;
     let (payload, check) = framed.split_last_chunk::<CRC_LEN>().ok_or((Fault::BadCrc, None))?;
     if CRC.checksum(payload) == u32::from_le_bytes(*check) { Ok(payload) } else { Err((Fault::BadCrc, None)) }
 }

@@ -17,6 +17,7 @@ mod decode;
 mod encode;
 mod limits;
 mod sequence;
+mod unstuff;
 
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 use postcard_schema::Schema;

@@ -4,6 +4,8 @@
 //! last interval, zeros at its end left off; the reader supplies them. So every sequence of symbols has one code, and
 //! the reader can tell in the end whether what it has read is that one.
 
+use super::MAX_CODE;
+
 /// Parts that a symbol's share is counted in.
 pub const WHOLE_BITS: u32 = 12;
 
@@ -87,6 +89,34 @@ impl<'a> Writer<'a> {
     }
 }
 
+/// A code as a reader wants it, with zeros after its end: four bytes can be taken anywhere without a second look.
+pub struct Padded {
+    bytes: [u8; PLACES + 4],
+    len: usize,
+    ends_in_zero: bool,
+}
+
+/// Places of a padded code that may be read; a power of two beyond the longest code and what is supplied after it.
+const PLACES: usize = (MAX_CODE + 8).next_power_of_two();
+
+impl Padded {
+    /// Of a code of at most [`MAX_CODE`] bytes; what is beyond is left off.
+    pub fn new(code: &[u8]) -> Self {
+        let mut bytes = [0; PLACES + 4];
+        for (place, &byte) in bytes.iter_mut().zip(code.iter().take(MAX_CODE)) {
+            *place = byte;
+        }
+        Self { bytes, len: code.len(), ends_in_zero: code.last() == Some(&0) }
+    }
+
+    /// Four bytes, the first on top. Places count round: who has come so far reads what no writer has made.
+    #[inline(always)]
+    fn at(&self, place: usize) -> u32 {
+        let place = place % PLACES;
+        self.bytes.get(place..place + 4).and_then(|four| four.first_chunk()).map_or(0, |four| u32::from_be_bytes(*four))
+    }
+}
+
 /// Reads a code.
 ///
 /// What the next byte or symbol is cannot be foreseen, and a processor that guesses wrong loses more time than a symbol takes: so the steps here
@@ -94,57 +124,48 @@ impl<'a> Writer<'a> {
 pub struct Reader<'a> {
     /// The code's number less the interval's low end.
     ahead: u32,
-    low: u32,
     range: u32,
-    code: &'a [u8],
+    code: &'a Padded,
     /// Bytes taken in, those supplied past the code's end included.
     pulled: usize,
     /// The four bytes after those, the first on top: fetched before it is known how many are wanted.
     next: u32,
     sound: bool,
-    ends_in_zero: bool,
 }
 
 impl<'a> Reader<'a> {
-    pub fn new(code: &'a [u8]) -> Self {
-        let mut reader = Self {
-            ahead: 0,
-            low: 0,
-            range: u32::MAX,
-            code,
-            pulled: 0,
-            next: 0,
-            sound: true,
-            ends_in_zero: code.last() == Some(&0),
-        };
-        reader.fetch();
-        reader.pull(3);
-        reader.pull(1);
-        reader
+    pub fn new(code: &'a Padded) -> Self {
+        Self { ahead: code.at(0), range: u32::MAX, code, pulled: 4, next: code.at(4), sound: true }
     }
 
-    /// Where in 0..4,096 the next symbol lies. To be followed by [`Reader::take`].
+    /// Where in 0..4,096 the next symbol lies. To be followed by [`Reader::take`] or [`Reader::take_last`].
     #[inline(always)]
     pub fn peek(&self) -> u32 {
         let part = (self.range >> WHOLE_BITS).max(1);
         (self.ahead / part).min((1 << WHOLE_BITS) - 1)
     }
 
+    /// Takes the symbol in which the place lies, when it is not the last of all.
     #[inline(always)]
     pub fn take(&mut self, start: u32, size: u32) {
         let part = self.range >> WHOLE_BITS;
         self.consume(part.wrapping_mul(start), part.wrapping_mul(size));
     }
 
+    /// Takes the last symbol of all. Above it is a sliver of the interval that is no symbol's: a number there no writer makes, and what is read from
+    /// there on means nothing.
+    pub fn take_last(&mut self, start: u32) {
+        self.sound &= self.ahead < self.range >> WHOLE_BITS << WHOLE_BITS;
+        self.take(start, (1 << WHOLE_BITS) - start);
+    }
+
     #[inline(always)]
     pub fn bits(&mut self, count: u32) -> u32 {
         let part = self.range >> count;
-        // Mostly it is a sign, or nothing at all, which takes no division.
-        let value = if count <= 1 {
-            u32::from(self.ahead >= part) & count
-        } else {
-            (self.ahead / part.max(1)).min((1 << count) - 1)
-        };
+        let (value, most) = (self.ahead / part.max(1), (1 << count) - 1);
+        // The sliver again.
+        self.sound &= value <= most;
+        let value = value.min(most);
         self.consume(part.wrapping_mul(value), part);
         value
     }
@@ -152,18 +173,10 @@ impl<'a> Reader<'a> {
     #[inline(always)]
     fn consume(&mut self, below: u32, range: u32) {
         self.ahead = self.ahead.wrapping_sub(below);
-        self.low = self.low.wrapping_add(below);
-        self.range = range;
-        // What no writer makes: a number in the sliver above the last symbol, or nothing left of the interval.
-        if self.ahead >= self.range {
-            self.sound = false;
-            self.range = u32::MAX;
-        }
-        // As many bytes as bring the range to NARROW or above; it is not 0.
-        let bytes = self.range.leading_zeros() >> 3;
+        // As many bytes as bring the range to NARROW or above. It is not 0: a share is one of at least 2^12 parts, `bits` leaves 2^8.
+        let bytes = (range | 1).leading_zeros() >> 3;
         self.pull(bytes);
-        self.low <<= 8 * bytes;
-        self.range <<= 8 * bytes;
+        self.range = range << (8 * bytes);
     }
 
     /// Takes in 0 to 3 bytes.
@@ -172,37 +185,15 @@ impl<'a> Reader<'a> {
         let bits = 8 * bytes;
         self.ahead = self.ahead << bits | (u64::from(self.next) << bits >> 32) as u32;
         self.pulled += bytes as usize;
-        self.fetch();
-    }
-
-    #[inline(always)]
-    fn fetch(&mut self) {
-        let rest = self.code.get(self.pulled..).unwrap_or_default();
-        self.next = match rest.first_chunk() {
-            Some(next) => u32::from_be_bytes(*next),
-            None => last(rest),
-        };
-    }
-
-    /// Whether the code so far could have been written.
-    pub fn is_sound(&self) -> bool {
-        self.sound
+        self.next = self.code.at(self.pulled);
     }
 
     /// Whether the code is the one that writing the same symbols makes.
     pub fn finish(self) -> bool {
         // A writer pushes one byte more than it has widened by; a reader is four ahead of that count.
-        let all_read = self.pulled >= self.code.len() + 3;
-        self.sound && all_read && !self.ends_in_zero && self.ahead == self.low.wrapping_neg() & (NARROW - 1)
+        let all_read = self.pulled >= self.code.len + 3 && self.pulled < PLACES;
+        // The interval's low end is what the last four bytes say less what the number lies ahead of it.
+        let low = self.code.at(self.pulled.wrapping_sub(4)).wrapping_sub(self.ahead);
+        self.sound && all_read && !self.code.ends_in_zero && self.ahead == low.wrapping_neg() & (NARROW - 1)
     }
-}
-
-/// Fewer than four bytes, and zeros after them.
-#[cold]
-fn last(rest: &[u8]) -> u32 {
-    let mut next = [0; 4];
-    for (place, &byte) in next.iter_mut().zip(rest) {
-        *place = byte;
-    }
-    u32::from_be_bytes(next)
 }

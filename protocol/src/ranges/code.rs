@@ -9,11 +9,11 @@
 //!     1 | new flag bits, then the beam once more
 //! ```
 
-use super::arithmetic::{Reader, WHOLE_BITS, Writer};
+use super::arithmetic::{Padded, Reader, WHOLE_BITS, Writer};
 use super::estimate::{self, Estimate, MAX_SHIFT};
 use super::predictor::{Forecast, Predictor, Steps};
 use super::residual::{BEYOND, MAGNITUDES, SPECIAL, Scale};
-use super::shares::{Row, SHARES, STARTS};
+use super::shares::{SHARES, STARTS, symbol_at};
 use crate::message::ScanMode;
 
 /// Share of "the same special value again" in 4,096.
@@ -218,7 +218,8 @@ fn write_symbol(writer: &mut Writer<'_>, scale: Scale, symbol: u32) {
 
 /// Read as many values as `values` has room for; `None` unless [`write`] makes `code` from them.
 pub fn read(geometry: Geometry, code: &[u8], values: &mut [u16]) -> Option<()> {
-    let mut reader = Reader::new(code);
+    let code = Padded::new(code);
+    let mut reader = Reader::new(&code);
     let shift = if geometry.interlaced { reader.bits(12) as i32 - MAX_SHIFT } else { 0 };
     if shift > MAX_SHIFT {
         return None;
@@ -226,38 +227,69 @@ pub fn read(geometry: Geometry, code: &[u8], values: &mut [u16]) -> Option<()> {
     let noise = reader.bits(4);
     let mut state = State::new(geometry, Estimate { shift, noise });
     for (i, value) in values.iter_mut().enumerate() {
-        let expectation = state.expect(i);
-        let again = state.again();
-        *value = match again {
-            Some(again) if reader.peek() < AGAIN => {
-                reader.take(0, AGAIN);
-                again
-            }
-            _ => {
-                if again.is_some() {
-                    reader.take(AGAIN, (1 << WHOLE_BITS) - AGAIN);
-                }
-                let value = match &expectation {
-                    Expectation::Literal => reader.bits(16) as u16,
-                    Expectation::Forecast(forecast) => read_value(&mut reader, &mut state, forecast)?,
-                };
-                // What "again" stands for has no other code.
-                if again == Some(value) {
+        if state.predicting && state.run == 0 {
+            // Nearly every beam: a range that follows a range, foreseen within 20 steps.
+            let forecast = state.predictor.forecast(i);
+            let scale = Scale::of(forecast.error);
+            let (symbol, start, share) = symbol_at(scale.row, reader.peek());
+            if symbol < BEYOND {
+                reader.take(start, share);
+                let residual = read_residual(&mut reader, scale, symbol);
+                // Negative ones are the greatest.
+                let range = forecast.range.wrapping_add(residual) as u32;
+                if range >= u32::from(geometry.first_special()) {
                     return None;
                 }
-                value
+                let range = range as u16;
+                *value = state.flags | range;
+                state.predictor.correct(range);
+                continue;
             }
-        };
-        if !reader.is_sound() {
-            return None;
+            let expectation = Expectation::Forecast(forecast);
+            // Handed over and back whole: what is only looked at here may stay in registers.
+            (reader, state, *value) = read_rare(reader, state, &expectation)?;
+        } else {
+            let expectation = state.expect(i);
+            (reader, state, *value) = read_rare(reader, state, &expectation)?;
         }
-        state.learn(*value, &expectation);
     }
     // Shift and noise are free for the encoder to choose; whether they are its choice is for the caller to judge.
     reader.finish().then_some(())
 }
 
-#[inline(always)]
+/// Reads a beam that may be anything, and learns from it.
+#[cold]
+#[inline(never)]
+fn read_rare<'a>(
+    mut reader: Reader<'a>,
+    mut state: State,
+    expectation: &Expectation,
+) -> Option<(Reader<'a>, State, u16)> {
+    let again = state.again();
+    let value = match again {
+        Some(again) if reader.peek() < AGAIN => {
+            reader.take(0, AGAIN);
+            again
+        }
+        _ => {
+            if again.is_some() {
+                reader.take_last(AGAIN);
+            }
+            let value = match expectation {
+                Expectation::Literal => reader.bits(16) as u16,
+                Expectation::Forecast(forecast) => read_value(&mut reader, &mut state, forecast)?,
+            };
+            // What "again" stands for has no other code.
+            if again == Some(value) {
+                return None;
+            }
+            value
+        }
+    };
+    state.learn(value, expectation);
+    Some((reader, state, value))
+}
+
 fn read_value(reader: &mut Reader<'_>, state: &mut State, forecast: &Forecast) -> Option<u16> {
     let geometry = state.geometry;
     let scale = Scale::of(forecast.error);
@@ -298,16 +330,27 @@ fn read_value(reader: &mut Reader<'_>, state: &mut State, forecast: &Forecast) -
         let excess = 1 << bits | high << 8 | reader.bits(bits.min(8));
         magnitude = MAGNITUDES - 1 + excess;
     }
+    let residual = read_residual(reader, scale, magnitude);
+    let range = u16::try_from(forecast.range.wrapping_add(residual)).ok()?;
+    (range < geometry.first_special()).then_some(state.flags | range)
+}
+
+/// The residual of a magnitude: its sign, if it has one, and its place within the step follow.
+#[inline(always)]
+fn read_residual(reader: &mut Reader<'_>, scale: Scale, magnitude: u32) -> i32 {
     let signed = u32::from(magnitude > 0);
     let sign_and_place = reader.bits(scale.shift + signed);
     let (below, place) = (sign_and_place >> scale.shift == 1, sign_and_place & ((1 << scale.shift) - 1));
-    let range = u16::try_from(forecast.range.wrapping_add(scale.join(magnitude, below, place))).ok()?;
-    (range < geometry.first_special()).then_some(state.flags | range)
+    scale.join(magnitude, below, place)
 }
 
 #[inline(always)]
 fn read_symbol(reader: &mut Reader<'_>, scale: Scale) -> u32 {
-    let (symbol, start, share) = Row::of(scale.row).symbol_at(reader.peek());
-    reader.take(start, share);
+    let (symbol, start, share) = symbol_at(scale.row, reader.peek());
+    if symbol == SPECIAL {
+        reader.take_last(start);
+    } else {
+        reader.take(start, share);
+    }
     symbol
 }

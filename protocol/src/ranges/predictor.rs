@@ -20,36 +20,37 @@ const NEAR: i64 = 0x7800_0000;
 const LONG: u8 = 24;
 const SHORT: u8 = 3;
 
-/// Gains of the n-th beam of a line, n from 1: alpha = 2(2n-1)/(n(n+1)) and alpha - beta, beta = 6/(n(n+1)), both as
-/// 2^18/15 times the value; the 15 is that of [`NUMERATOR_HIGH`].
-const GAINS: [(i32, i32); LONG as usize + 1] = {
-    let mut gains = [(0, 0); LONG as usize + 1];
+/// What a tracker of so many beams does with a miss, and how sure it is.
+#[derive(Clone, Copy, Debug)]
+struct Memory {
+    /// Gains of the n-th beam of a line, n from 1: alpha = 2(2n-1)/(n(n+1)) and alpha - beta, beta = 6/(n(n+1)), both as
+    /// 2^18/15 times the value; the 15 is that of [`NUMERATOR_HIGH`].
+    level: i32,
+    back: i32,
+    /// How much larger a prediction's error is than the noise, from n beams, in 1/256: sqrt(1 + 2(2n+1)/(n(n-1))).
+    /// The first is not a standard deviation but what a first step on a new line is worth.
+    spread: u32,
+    /// 65,536 / spread.
+    inverse: u32,
+}
+
+/// Memories by beams. No tracker has more than [`LONG`]; a power of two, so that five bits of a count are an index.
+const MEMORIES: [Memory; 32] = {
+    const SPREADS: [u32; LONG as usize + 1] = [
+        1024, 1024, 627, 467, 405, 371, 350, 336, 325, 317, 311, 306, 302, 298, 295, 293, 291, 289, 287, 285, 284, 283,
+        282, 281, 280,
+    ];
+    let mut memories = [Memory { level: 0, back: 0, spread: SPREADS[0], inverse: 65_536 / SPREADS[0] }; 32];
     let mut n = 1;
     while n <= LONG as i32 {
         let alpha = 2 * (2 * n - 1) * 17_476 / (n * (n + 1));
         let beta = 6 * 17_476 / (n * (n + 1));
-        gains[n as usize] = if n == 1 { (17_476, 0) } else { (alpha, alpha - beta) };
+        let (level, back) = if n == 1 { (17_476, 0) } else { (alpha, alpha - beta) };
+        let spread = SPREADS[n as usize];
+        memories[n as usize] = Memory { level, back, spread, inverse: 65_536 / spread };
         n += 1;
     }
-    gains
-};
-
-/// How much larger a prediction's error is than the noise, from n beams, in 1/256: sqrt(1 + 2(2n+1)/(n(n-1))).
-/// The first is not a standard deviation but what a first step on a new line is worth.
-const SPREAD: [u16; LONG as usize + 1] = [
-    1024, 1024, 627, 467, 405, 371, 350, 336, 325, 317, 311, 306, 302, 298, 295, 293, 291, 289, 287, 285, 284, 283,
-    282, 281, 280,
-];
-
-/// 65,536 / SPREAD.
-const INVERSE_SPREAD: [u16; LONG as usize + 1] = {
-    let mut inverse = [0; LONG as usize + 1];
-    let mut n = 0;
-    while n < inverse.len() {
-        inverse[n] = (65_536 / SPREAD[n] as u32) as u16;
-        n += 1;
-    }
-    inverse
+    memories
 };
 
 /// What is expected of a beam.
@@ -117,7 +118,7 @@ impl Tracker {
 
     fn correct(&mut self, miss: i32, longest: u8) {
         self.beams = self.beams.saturating_add(1).min(longest);
-        let (level, back) = GAINS.get(usize::from(self.beams)).copied().unwrap_or_default();
+        let Memory { level, back, .. } = self.memory();
         // du = -dr u^2 / NUMERATOR, the 15 of which is in the gains.
         // Products of a miss beyond 2^15 may wrap: such a miss begins a new line anyway.
         let square = ((u64::from(self.next) * u64::from(self.next)) >> 32) as u32;
@@ -136,8 +137,9 @@ impl Tracker {
         self.error = self.error.wrapping_add_signed((miss as i32).wrapping_sub(self.error as i32).wrapping_mul(5) >> 5);
     }
 
-    fn spread(&self) -> u32 {
-        SPREAD.get(usize::from(self.beams)).copied().map_or(256, u32::from)
+    #[inline(always)]
+    fn memory(&self) -> Memory {
+        MEMORIES[usize::from(self.beams % MEMORIES.len() as u8)]
     }
 }
 
@@ -183,7 +185,7 @@ impl Predictor {
         self.long.advance(step);
         self.short.advance(step);
         let best = self.best();
-        let error = (self.noise * best.spread()) >> 8;
+        let error = (self.noise * best.memory().spread) >> 8;
         let error = if best.beams <= 1 { error.max(self.first_step) } else { error };
         Forecast { range: best.range, error }
     }
@@ -201,14 +203,13 @@ impl Predictor {
         let short_best = self.short_is_best();
         let best = self.best();
         if best.beams > 1 {
-            let inverse = INVERSE_SPREAD.get(usize::from(best.beams)).copied().map_or(256, u32::from);
-            let miss = (value - best.range).unsigned_abs() * inverse;
+            let miss = (value - best.range).unsigned_abs() * best.memory().inverse;
             let change = (miss.min(3 * self.noise) as i32 - self.noise as i32) >> 3;
             self.noise = self.noise.wrapping_add_signed(change).clamp(MIN_NOISE, MAX_NOISE);
         }
         let (miss_long, miss_short) = (value - self.long.range, value - self.short.range);
         let usual = 3 * self.noise;
-        let fails = |miss: i32, tracker: &Tracker| miss.unsigned_abs() > (usual * tracker.spread()) >> 16;
+        let fails = |miss: i32, tracker: &Tracker| miss.unsigned_abs() > (usual * tracker.memory().spread) >> 16;
         if fails(miss_long, &self.long) && fails(miss_short, &self.short) {
             let here = reciprocal(range);
             // Up to an eighth of the range it is a bend in one surface: the secant leads on. Beyond, it is another one.

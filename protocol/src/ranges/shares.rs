@@ -46,52 +46,55 @@ pub const STARTS: [[u16; SYMBOLS]; ROWS] = {
     starts
 };
 
-/// Symbols and what fills them up to whole registers of a processor that compares eight at a time.
-const PLACES: usize = SYMBOLS.next_multiple_of(8);
-
-/// A row as a reader wants it.
-pub struct Row {
-    /// Where the share of each symbol ends; what fills up ends nowhere.
-    ends: [i16; PLACES],
-    /// Start and share of each symbol.
-    parts: [(u16, u16); PLACES],
-}
-
-impl Row {
-    /// What a row without symbols would be.
-    const NONE: Self = Self { ends: [i16::MAX; PLACES], parts: [(0, 1); PLACES] };
-
-    #[inline(always)]
-    pub fn of(row: usize) -> &'static Self {
-        ROWS_TO_READ.get(row).unwrap_or(&Self::NONE)
+/// The symbol at the first of every 16 places of a row: hardly ever another begins among the other 15. Only a reader refers to it: a board,
+/// which writes, does not have it.
+static SYMBOL_FROM: [[u8; STEPS]; ROWS] = {
+    let mut symbols = [[0; STEPS]; ROWS];
+    let mut row = 0;
+    while row < ROWS {
+        let (mut symbol, mut step) = (0, 0);
+        while step < STEPS {
+            while symbol + 1 < SYMBOLS && STARTS[row][symbol + 1] as usize <= step * STEP {
+                symbol += 1;
+            }
+            symbols[row][step] = symbol as u8;
+            step += 1;
+        }
+        row += 1;
     }
+    symbols
+};
 
-    /// The symbol at a place of 0..4,096, its start and its share.
-    #[inline(always)]
-    pub fn symbol_at(&self, place: u32) -> (u32, u32, u32) {
-        // Counted and not searched: no branch depends on what comes.
-        let place = place as i16;
-        let beyond: i16 = self.ends.iter().map(|&end| i16::from(end > place)).sum();
-        let symbol = (PLACES as i16 - beyond) as u32;
-        let (start, share) = self.parts.get(symbol as usize).copied().unwrap_or((0, 1));
-        (symbol, u32::from(start), u32::from(share))
-    }
-}
+/// Places in a step, and steps in a row.
+const STEP: usize = 16;
+const STEPS: usize = (1 << WHOLE_BITS) / STEP;
 
-static ROWS_TO_READ: [Row; ROWS] = {
-    let mut rows = [Row::NONE; ROWS];
+/// Start and share of each symbol; a power of two of them, so that five bits are an index.
+static PARTS: [[(u16, u16); SYMBOLS.next_power_of_two()]; ROWS] = {
+    let mut parts = [[(0, 1); SYMBOLS.next_power_of_two()]; ROWS];
     let mut row = 0;
     while row < ROWS {
         let mut symbol = 0;
         while symbol < SYMBOLS {
-            rows[row].parts[symbol] = (STARTS[row][symbol], SHARES[row][symbol]);
-            // The last ends with the whole, beyond every place.
-            if symbol < SYMBOLS - 1 {
-                rows[row].ends[symbol] = STARTS[row][symbol + 1] as i16;
-            }
+            parts[row][symbol] = (STARTS[row][symbol], SHARES[row][symbol]);
             symbol += 1;
         }
         row += 1;
     }
-    rows
+    parts
 };
+
+/// The symbol at a place of 0..4,096 in a row of 0..16, its start and its share.
+#[inline(always)]
+pub fn symbol_at(row: usize, place: u32) -> (u32, u32, u32) {
+    // What is below a power of two already: said so, no check is left.
+    let row = row % ROWS;
+    let part = |symbol: u32| PARTS[row][symbol as usize % SYMBOLS.next_power_of_two()];
+    let mut symbol = u32::from(SYMBOL_FROM[row][place as usize / STEP % STEPS]);
+    let (mut start, mut share) = part(symbol);
+    while place >= u32::from(start) + u32::from(share) && symbol + 1 < SYMBOLS as u32 {
+        symbol += 1;
+        (start, share) = part(symbol);
+    }
+    (symbol, u32::from(start), u32::from(share))
+}

@@ -63,7 +63,7 @@ fn by_seed(scan: &RawScan, track: &RollTrack, config: &Config, held: &mut Held) 
     }
     let Held::Seed { points, samples, work } = held else { return Default::default() };
     points.clear();
-    scan::for_each_return(scan, track, &config.scanner, |echo| {
+    scan::for_each_return(scan, track, &config.scanner, i32::MAX, |echo| {
         // Never full: a scan has at most as many beams as there are places.
         let _ = points.push(echo.point);
     });

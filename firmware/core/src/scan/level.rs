@@ -42,7 +42,7 @@ pub type Points = Vec<Echo, MAX_BEAMS>;
 /// Levels a scan. `points` is overwritten.
 pub fn level(scan: &RawScan, track: &RollTrack, scanner: &Scanner, points: &mut Points) {
     points.clear();
-    for_each_return(scan, track, scanner, |echo| {
+    for_each_return(scan, track, scanner, i32::MAX, |echo| {
         // Never full: a scan has at most as many beams as `points` has places.
         let _ = points.push(echo);
     });
@@ -51,12 +51,19 @@ pub fn level(scan: &RawScan, track: &RollTrack, scanner: &Scanner, points: &mut 
     }
 }
 
-/// Visits the returns of a scan, levelled, in the order of its beams: from the vehicle's right to its left, or from left to right
-/// where the scanner is mounted the other way round.
+/// Visits the returns of a scan that are nearer than `reach_um`, levelled, in the order of its beams: from the vehicle's right to its left, or
+/// from left to right where the scanner is mounted the other way round.
 #[inline(always)]
-pub fn for_each_return(scan: &RawScan, track: &RollTrack, scanner: &Scanner, mut visit: impl FnMut(Echo)) {
-    let unit_um = scan.unit_um();
-    let window = window(scan);
+pub fn for_each_return(
+    scan: &RawScan,
+    track: &RollTrack,
+    scanner: &Scanner,
+    reach_um: i32,
+    mut visit: impl FnMut(Echo),
+) {
+    let unit_um = scan.unit_um().max(1);
+    let (mask, least, above) = window(scan);
+    let window = (mask, least, above.min((reach_um / unit_um).clamp(0, i32::from(u16::MAX)) as u16));
     let mut beam = 0;
     sweep(scan, track, scanner, |value, direction| {
         if let Some(units) = range_units(window, value) {

@@ -2,7 +2,7 @@
 
 use crossfall_protocol::message::{Hinge, flags};
 
-use super::line::{Fit, Line, fit, ratio, weigh};
+use super::line::{Fit, Line, Precision, fit, ratio, weigh};
 use super::magnitude::Magnitude;
 use super::sample::{GRAIN_BITS, Noise, Outward, Sample, inward_of, millimetres};
 use super::slope::Found;
@@ -39,22 +39,29 @@ impl Place {
     }
 }
 
-/// Where two fits meet, with the half width of its interval: the variance of a height there is the sum of both lines',
+/// What is wanted of the places of a section: on the way to the last fits nobody asks how sure they are, and that is the longer half of the work.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Want {
+    Places,
+    Intervals,
+}
+
+/// Half width of the interval of the place where two fits meet: the variance of a height there is the sum of both lines',
 /// and the angle between them turns it into a distance.
-pub fn meeting(a: &Fit, b: &Fit) -> Option<(i32, u32)> {
-    let u = a.line.meets(&b.line)?;
+fn half_width(a: &Fit, b: &Fit, u: i32) -> u32 {
     let turn = a.line.slope_q30.abs_diff(b.line.slope_q30);
     let height = a.variance_at(u).plus(b.variance_at(u)).root();
-    let half = height.over(Magnitude::new(u64::from(turn), -30)).times(Magnitude::new(251, -7));
-    Some((u, half.scaled(0)))
+    height.over(Magnitude::new(u64::from(turn), -30)).times(Magnitude::new(251, -7)).scaled(0)
 }
 
 /// The road edge, `departed` being how far out the road's departure is.
-pub fn edge(road: &Fit, departed: i32, adjacent: &Found) -> Place {
-    match meeting(road, &adjacent.fit) {
-        Some((u, half)) if u < adjacent.fit.line.u => Place { u, half, departure: departed, seen: true },
-        _ => Place { u: departed, half: 0, departure: departed, seen: true },
-    }
+pub fn edge(road: &Fit, departed: i32, adjacent: &Found, want: Want) -> Place {
+    let met = road.line.meets(&adjacent.fit.line).filter(|u| *u < adjacent.fit.line.u);
+    let half = match (met, want) {
+        (Some(u), Want::Intervals) => half_width(road, &adjacent.fit, u),
+        _ => 0,
+    };
+    Place { u: met.unwrap_or(departed), half, departure: departed, seen: true }
 }
 
 /// [`flags::HINGE_ROUNDED`] when the samples within 0.4 m of a convex hinge lie below both lines by more than noise does:
@@ -91,7 +98,7 @@ pub fn ground_between(samples: &mut [Sample], inner: &Found, outer: &Found, nois
 }
 
 /// The outer end of a slope after which no other slope was found.
-pub fn end(samples: &[Sample], slope: &Found, ground: &Option<Ground>, noise: &Noise) -> Place {
+pub fn end(samples: &[Sample], slope: &Found, ground: &Option<Ground>, noise: &Noise, want: Want) -> Place {
     let Some(last) = samples.get(slope.run.last).copied() else { return Place::default() };
     let beyond = samples.get(slope.run.last + 1..).unwrap_or_default();
     let Some(next) = beyond.iter().map(|s| s.u).find(|u| *u > last.u) else {
@@ -100,7 +107,7 @@ pub fn end(samples: &[Sample], slope: &Found, ground: &Option<Ground>, noise: &N
     // Past the top of a rising slope vegetation on the level ground may pass for slope: up to two samples of it.
     let back = if slope.fit.line.slope_q30 > 0 { 2 } else { 0 };
     let inner = samples.get(slope.run.last.saturating_sub(back)).unwrap_or(&last);
-    let met = ground.as_ref().and_then(|ground| between(&slope.fit, &ground.fit, noise, inner, ground.first));
+    let met = ground.as_ref().and_then(|ground| between(&slope.fit, &ground.fit, noise, inner, ground.first, want));
     met.unwrap_or_else(|| gap(last.u, next)).departing(next)
 }
 
@@ -111,6 +118,7 @@ pub fn across(
     outer: &Found,
     ground: &Option<Ground>,
     noise: &Noise,
+    want: Want,
 ) -> (Place, Place) {
     let (Some(last), Some(first)) = (samples.get(inner.run.last).copied(), samples.get(outer.run.first).copied())
     else {
@@ -121,8 +129,8 @@ pub fn across(
     let next = floor.iter().map(|s| s.u).find(inside).unwrap_or(first.u);
     let previous = floor.iter().rev().map(|s| s.u).find(inside).unwrap_or(last.u);
     if let Some(ground) = ground {
-        let foot = between(&inner.fit, &ground.fit, noise, &last, ground.first);
-        let start = between(&outer.fit, &ground.fit, noise, &last, first.u);
+        let foot = between(&inner.fit, &ground.fit, noise, &last, ground.first, want);
+        let start = between(&outer.fit, &ground.fit, noise, &last, first.u, want);
         if let (Some(foot), Some(start)) = (foot, start)
             && foot.u <= start.u
         {
@@ -131,7 +139,7 @@ pub fn across(
     }
     // No floor to be seen: the slopes meet, or there is one between the beams. Every floor from none to the widest
     // that no beam would have met explains the scan equally well: the middle is reported, with all of them in its interval.
-    let met = between(&inner.fit, &outer.fit, noise, &last, first.u).unwrap_or_else(|| gap(last.u, first.u));
+    let met = between(&inner.fit, &outer.fit, noise, &last, first.u, want).unwrap_or_else(|| gap(last.u, first.u));
     let height = inner.fit.line.height_at(last.u).min(outer.fit.line.height_at(first.u));
     let level = Line { u: met.u, z: height, slope_q30: 0 };
     let widest = |slope: &Fit| slope.line.meets(&level).unwrap_or(met.u).clamp(last.u.min(met.u), first.u.max(met.u));
@@ -140,13 +148,26 @@ pub fn across(
 }
 
 /// An intersection, if it lies between two samples, give or take what noise can shift it by.
-fn between(slope: &Fit, other: &Fit, noise: &Noise, last: &Sample, next: i32) -> Option<Place> {
-    let (u, half) = meeting(slope, other)?;
-    let turn_q14 = (slope.line.slope_q30.abs_diff(other.line.slope_q30) >> 16).max(1);
-    let shift = ((4 * noise.variance(last, slope.line.slope_q14()).isqrt()) << 14) / turn_q14;
-    let shift = (shift + 2 * half.min(1 << 20)).clamp(millimetres(60) as u32, millimetres(500) as u32) as i32;
-    (u > last.u - shift && u < next + shift).then_some(Place { u, half, departure: next, seen: true })
+fn between(slope: &Fit, other: &Fit, noise: &Noise, last: &Sample, next: i32, want: Want) -> Option<Place> {
+    let u = slope.line.meets(&other.line)?;
+    let near = |shift: i32| u > last.u - shift && u < next + shift;
+    if !near(MOST_SHIFT) {
+        return None;
+    }
+    let half = if want == Want::Intervals || !near(LEAST_SHIFT) { half_width(slope, other, u) } else { 0 };
+    if !near(LEAST_SHIFT) {
+        let turn_q14 = (slope.line.slope_q30.abs_diff(other.line.slope_q30) >> 16).max(1);
+        let shift = ((4 * noise.variance(last, slope.line.slope_q14()).isqrt()) << 14) / turn_q14;
+        if !near((shift + 2 * half.min(1 << 20)).min(MOST_SHIFT as u32) as i32) {
+            return None;
+        }
+    }
+    Some(Place { u, half, departure: next, seen: true })
 }
+
+/// Noise shifts an intersection by so much at least, and by no more than so much.
+const LEAST_SHIFT: i32 = millimetres(60);
+const MOST_SHIFT: i32 = millimetres(500);
 
 /// The middle of a gap, when nothing better is known.
 fn gap(last: i32, next: i32) -> Place {
@@ -159,6 +180,9 @@ pub struct Ground {
     /// Distance of the innermost sample on it.
     first: i32,
 }
+
+/// What a candidate earns a sample when the others cannot make much of a difference: the line is fitted yet.
+const AGREED: usize = 200;
 
 /// How well a weighed sample fits level ground at a place: 288 on it, nothing from 3 sigma beyond a quarter of a degree of tilt on.
 #[inline(always)]
@@ -181,6 +205,9 @@ fn level(samples: &mut [Sample], noise: &Noise) -> Option<Ground> {
         if best.is_none_or(|(most, (_, lowest))| score > most || score == most && place.1 < lowest) {
             best = Some((score, place));
         }
+        if score as usize > samples.len() * AGREED {
+            break;
+        }
     }
     let (_, place) = best?;
     let mut on = samples.iter().filter(|s| on_level(place, s).is_some());
@@ -199,8 +226,10 @@ fn level(samples: &mut [Sample], noise: &Noise) -> Option<Ground> {
     let fit = Fit {
         line,
         count: near as u32,
-        slope_variance: Magnitude::new(7, -13),
-        height_variance: Magnitude::new(u64::from(variance), 0).over(Magnitude::new(near.max(1) as u64, 0)),
+        precision: Precision::Variances {
+            slope: Magnitude::new(7, -13),
+            height: Magnitude::new(u64::from(variance), 0).over(Magnitude::new(near.max(1) as u64, 0)),
+        },
         chi2_q8: 0,
         effective_q8: 0,
     };

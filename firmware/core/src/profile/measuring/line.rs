@@ -79,21 +79,49 @@ pub struct Fit {
     pub line: Line,
     /// Samples with a weight.
     pub count: u32,
-    /// Variance of the slope, if the noise is as assumed.
-    pub slope_variance: Magnitude,
-    /// Variance of the height at the reference, in square grains, likewise.
-    pub height_variance: Magnitude,
+    /// How sure it is of its line, if the noise is as assumed.
+    pub precision: Precision,
     /// Sum of squared residuals over their variances, Tukey-weighted and freed of the weights' bias, with 8 fraction bits.
     pub chi2_q8: u32,
     /// Sum of Tukey weights, with 8 fraction bits.
     pub effective_q8: u32,
 }
 
+/// How sure a fit is of its line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Precision {
+    /// Of weights w = 2^`scale` / variance: their sum, and that of w times the squared distance from the reference in units of 32 grains. Most fits
+    /// are steps to the next: nobody asks for what takes divisions.
+    Sums { w: i32, spread: i64, scale: i32 },
+    /// Variance of the slope, and of the height at the reference in square grains.
+    Variances { slope: Magnitude, height: Magnitude },
+}
+
 impl Fit {
+    /// Variance of the slope.
+    pub fn slope_variance(&self) -> Magnitude {
+        match self.precision {
+            Precision::Sums { spread, scale, .. } => {
+                Magnitude::new(1, scale - 2 * ARM_BITS as i32).over(Magnitude::new(spread.unsigned_abs(), 0))
+            }
+            Precision::Variances { slope, .. } => slope,
+        }
+    }
+
+    /// Variance of the height at the reference, in square grains.
+    pub fn height_variance(&self) -> Magnitude {
+        match self.precision {
+            Precision::Sums { w, scale, .. } => {
+                Magnitude::new(1, scale).over(Magnitude::new(u64::from(w.unsigned_abs()), 0))
+            }
+            Precision::Variances { height, .. } => height,
+        }
+    }
+
     /// Variance of the height at `u`, in square grains.
     pub fn variance_at(&self, u: i32) -> Magnitude {
         let arm = Magnitude::new(u64::from(u.abs_diff(self.line.u)), 0);
-        self.height_variance.plus(arm.squared().times(self.slope_variance))
+        self.height_variance().plus(arm.squared().times(self.slope_variance()))
     }
 
     /// Variance of the residuals over what was assumed, with `prior` observations as assumed, 10 fraction bits.
@@ -128,7 +156,9 @@ pub fn weigh(samples: &mut [Sample], stride: usize, noise: &Noise, slope_q14: i3
 /// [`weigh`] with a shift that is known already.
 pub fn weigh_by(samples: &mut [Sample], stride: usize, noise: &Noise, slope_q14: i32, shift: u32) {
     let most = (1 << (12 + shift)) - 1;
-    for sample in samples.iter_mut().step_by(stride) {
+    let mut index = 0;
+    while let Some(sample) = samples.get_mut(index) {
+        index += stride.max(1);
         // Rounded down in 32 bits: by less than 1 in 2^4 for the largest variance there is, by 1 in 2^12 for a range noise of 10 mm. The lowest bit
         // of a variance, of which there are more than ten, only says that it is not zero.
         sample.weight = ((u32::MAX / (noise.variance(sample, slope_q14) | 1)) << 5).min(most);
@@ -141,6 +171,12 @@ pub fn weigh_by(samples: &mut [Sample], stride: usize, noise: &Noise, slope_q14:
 pub fn ratio<const FRACTION: u32>(sample: &Sample, square: u32) -> u32 {
     ((u64::from(square) * u64::from(sample.weight)) >> (37 - FRACTION)) as u32
 }
+
+/// Residuals beyond this, 262 mm, count for nothing.
+const E_MOST: i32 = (1 << 15) - 1;
+
+/// Bits of the sum of roots of weights.
+const KEPT_BITS: u32 = 21;
 
 /// The sums of a fit over some samples, exact: those of more or fewer samples follow by adding and subtracting.
 #[derive(Clone, Copy, Debug, Default)]
@@ -162,12 +198,15 @@ pub struct Sums {
 impl Sums {
     /// Over samples that [`weigh`] has weighed, which gave `shift`.
     pub fn over(samples: &[Sample], stride: usize, line: &Line, shift: u32) -> Self {
-        // Locals, two to a word where they fit: there are more sums than registers.
-        let (mut sum_w, mut sum_wu, mut sum_we, mut sum_wuu, mut sum_wue) = (0i32, 0i64, 0i64, 0i64, 0i64);
-        let (mut count_kept, mut effective_chi2) = (0u64, 0u64);
-        for sample in samples.iter().step_by(stride) {
+        let mut sums = Self::default();
+        // Kept samples above, the roots of their weights below: 401 x 2^12 stays below 2^21.
+        let mut count_kept = 0u32;
+        let mut index = 0;
+        while let Some(sample) = samples.get(index) {
+            index += stride.max(1);
             let e = line.residual(sample);
-            if e.unsigned_abs() >= 1 << 15 {
+            // As one comparison: what is not within +/- (2^15 - 1) wraps beyond.
+            if e.wrapping_add(E_MOST) as u32 > 2 * E_MOST as u32 {
                 continue;
             }
             // Which side of the line a sample is on, and whether it counts, cannot be predicted in vegetation: a sample past the gate is
@@ -179,26 +218,17 @@ impl Sums {
             let w = (((sample.weight >> shift) * tukey_q12) >> 12) as i32;
             let u = (sample.u - line.u) >> ARM_BITS;
             let wu = w * u;
-            sum_w += w;
-            sum_wu += i64::from(wu);
-            sum_we += i64::from(w * e);
-            sum_wuu += i64::from(wu) * i64::from(u);
-            sum_wue += i64::from(wu) * i64::from(e);
-            count_kept += u64::from(keep_q12 > 0) << 32 | u64::from(keep_q12);
-            // Chi square: below 2^12 x 2^13 a sample; 401 of them, shifted, stay below 2^27.
-            effective_chi2 += u64::from(tukey_q12) << 32 | u64::from((tukey_q12 * ratio_q8) >> 8);
+            sums.w += w;
+            sums.wu += i64::from(wu);
+            sums.we += i64::from(w * e);
+            sums.wuu += i64::from(wu) * i64::from(u);
+            sums.wue += i64::from(wu) * i64::from(e);
+            count_kept += u32::from(keep_q12 > 0) << KEPT_BITS | keep_q12;
+            // Below 2^12 x 2^13 a sample; 401 of them, shifted, stay below 2^27.
+            sums.effective_q12 += tukey_q12;
+            sums.chi2_q12 += (tukey_q12 * ratio_q8) >> 8;
         }
-        Self {
-            w: sum_w,
-            wu: sum_wu,
-            we: sum_we,
-            wuu: sum_wuu,
-            wue: sum_wue,
-            count: (count_kept >> 32) as u32,
-            chi2_q12: effective_chi2 as u32,
-            effective_q12: (effective_chi2 >> 32) as u32,
-            kept_q12: count_kept as u32,
-        }
+        Self { count: count_kept >> KEPT_BITS, kept_q12: count_kept & ((1 << KEPT_BITS) - 1), ..sums }
     }
 
     /// With the samples of `more` as well.
@@ -274,8 +304,7 @@ impl Sums {
         Some(Fit {
             line: fitted,
             count: self.count,
-            slope_variance: Magnitude::new(1, scale - 2 * ARM_BITS as i32).over(Magnitude::new(spread as u64, 0)),
-            height_variance: Magnitude::new(1, scale).over(Magnitude::new(self.w as u64, 0)),
+            precision: Precision::Sums { w: self.w, spread, scale },
             chi2_q8: ((chi2_q12 * TRIM_Q8) >> 12) as u32,
             effective_q8: self.effective_q12 >> 4,
         })

@@ -1,7 +1,7 @@
 //! Non-negative quantities of unknown size, for the few sums of variances that a slope needs.
 //!
 //! A value is `mantissa` x 2^`exponent` with 32 significant bits, so that the formulas of the intervals can be written
-//! as they stand in a textbook and nothing can overflow. Every operation rounds down by at most 2^-31 of its result.
+//! as they stand in a textbook and nothing can overflow. Every operation but the root rounds down by at most 2^-31 of its result.
 
 /// A non-negative number; zero has mantissa 0, every other a mantissa of 2^31 at least.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,10 +49,11 @@ impl Magnitude {
         Self::new((u64::from(large.mantissa) << 31) + low, large.exponent - 31)
     }
 
+    /// The square root, rounded down by at most 2^-15 of itself: it is the width of an interval that becomes of it.
     pub fn root(self) -> Self {
-        // An even exponent and 63 or 64 significant bits before the root.
+        // An even exponent and 31 or 32 significant bits before the root.
         let odd = self.exponent & 1;
-        Self::new((u64::from(self.mantissa) << (31 + odd - 1)).isqrt(), (self.exponent - 30 - odd) / 2)
+        Self::new(u64::from((self.mantissa >> odd).isqrt()), (self.exponent + odd) / 2)
     }
 
     /// The integer part of the value x 2^`bits`, saturating.
@@ -89,10 +90,11 @@ mod tests {
                 ("sum", x.plus(y), fx + fy),
                 ("product", x.times(y), fx * fy),
                 ("quotient", x.over(y), fx / fy),
-                ("root", x.root(), libm::sqrt(fx)),
             ] {
                 prop_assert!((value(got) / expected - 1.0).abs() < 2e-9, "{what}: {} for {expected}", value(got));
             }
+            let low = 1.0 - value(x.root()) / libm::sqrt(fx);
+            prop_assert!((-2e-9..1.0 / 32_768.0).contains(&low), "root: {} for {}", value(x.root()), libm::sqrt(fx));
         }
     }
 

@@ -17,7 +17,7 @@ use crossfall_protocol::message::{Hinge, Side, flags};
 
 use crate::scan::{self, RawScan, RollTrack};
 use crate::trig;
-use hinge::{Ground, Place};
+use hinge::{Ground, Place, Want};
 use road::Road;
 use sample::{GRAIN_BITS, Noise, Outward, Sample};
 use search::Wanted;
@@ -28,7 +28,7 @@ pub use sample::Samples;
 /// Measures both sides of a scan, left and right. What was in `samples` before does not matter.
 pub fn measure(scan: &RawScan, track: &RollTrack, config: &Config, samples: &mut Samples) -> (Side, Side) {
     samples.clear();
-    scan::for_each_return(scan, track, &config.scanner, |echo| sample::take(&echo, samples));
+    scan::for_each_return(scan, track, &config.scanner, sample::REACH_UM, |echo| sample::take(&echo, samples));
     if config.scanner.mirrored {
         samples.reverse();
     }
@@ -69,7 +69,10 @@ fn measure_side(samples: &mut [Sample], outward: Outward, unit_um: i32, survey: 
     // In a cut the slope beside the road is the one that rises from it; what lies behind its top is another matter.
     let (mut bank, mut cut) = (None, road.noise);
     if road.is_below(samples, departure) {
-        bank = slope::measure(samples, (from, start), None, &wanted(true), &mut cut);
+        let line = &road.fit.line;
+        let lowest = line.height_at(departure) - SUNK;
+        bank = slope::measure(samples, (from, start), None, &wanted(true), &mut cut)
+            .filter(|bank| bank.fit.line.height_at(departure) > lowest);
     }
     let rises = bank.is_some();
     if rises {
@@ -89,6 +92,9 @@ fn measure_side(samples: &mut [Sample], outward: Outward, unit_um: i32, survey: 
     section.report(&mut side, samples, &wanted(rises), &wanted(true));
     side
 }
+
+/// A bank whose line passes so far below the edge of the road begins further out than one that stands beside it: it is the far side of a ditch.
+const SUNK: i32 = sample::millimetres(500);
 
 /// A candidate may miss the limits by about 0.6 degrees: its base is short and noisy. The measured slope may not.
 const SLACK_Q14: i32 = 170;
@@ -127,15 +133,15 @@ struct Hinges {
 }
 
 impl Section {
-    fn hinges(&self, samples: &[Sample]) -> Hinges {
+    fn hinges(&self, samples: &[Sample], want: Want) -> Hinges {
         let Self { adjacent, floor, opposing, beyond, noise, .. } = self;
-        let edge = hinge::edge(&self.road.fit, self.departure, adjacent);
+        let edge = hinge::edge(&self.road.fit, self.departure, adjacent, want);
         match opposing {
             Some(opposing) => {
-                let (foot, start) = hinge::across(samples, adjacent, opposing, floor, noise);
-                Hinges { edge, foot, facing: Some((start, hinge::end(samples, opposing, beyond, noise))) }
+                let (foot, start) = hinge::across(samples, adjacent, opposing, floor, noise, want);
+                Hinges { edge, foot, facing: Some((start, hinge::end(samples, opposing, beyond, noise, want))) }
             }
-            None => Hinges { edge, foot: hinge::end(samples, adjacent, beyond, noise), facing: None },
+            None => Hinges { edge, foot: hinge::end(samples, adjacent, beyond, noise, want), facing: None },
         }
     }
 
@@ -147,7 +153,7 @@ impl Section {
 
     /// Fits the slopes anew between the hinges that they make.
     fn settle(&mut self, samples: &mut [Sample]) {
-        let Hinges { edge, foot, facing } = self.hinges(samples);
+        let Hinges { edge, foot, facing } = self.hinges(samples, Want::Places);
         let adjacent = self.adjacent;
         self.adjacent.settle(samples, &edge, &foot, &self.noise_of(&adjacent));
         let noise = self.opposing.map_or(self.noise, |opposing| self.noise_of(&opposing));
@@ -160,17 +166,20 @@ impl Section {
     fn report(mut self, side: &mut Side, samples: &mut [Sample], beside: &Wanted, beyond: &Wanted) {
         self.settle(samples);
         let (departure, adjacent) = (self.departure, self.adjacent);
-        self.road.settle(samples, |road| hinge::edge(road, departure, &adjacent).u);
-        let Hinges { edge, foot, facing } = self.hinges(samples);
+        self.road.settle(samples, |road| hinge::edge(road, departure, &adjacent, Want::Places).u);
+        let Hinges { edge, foot, facing } = self.hinges(samples, Want::Intervals);
         side.edge = Some(edge.message(self.outward));
-        if self.adjacent.within(&edge, &foot, beside) {
+        // What is there and cannot be told is said, not guessed.
+        let untold = |slope: &Found| if slope.is_told() { 0 } else { flags::DOUBTFUL };
+        side.flags |= untold(&self.adjacent) | self.opposing.as_ref().map_or(0, untold);
+        if self.adjacent.is_told() && self.adjacent.within(&edge, &foot, beside) {
             side.adjacent = Some(self.adjacent.message(self.outward, &edge, &foot));
             side.flags |=
                 self.adjacent.marks(samples, &edge, &foot, &self.noise_of(&self.adjacent), beside.obstruction);
             side.flags |= hinge::rounded(samples, &edge, &self.road.fit.line, &self.adjacent.fit.line, &self.noise);
         }
         match (self.opposing, facing) {
-            (Some(opposing), Some((start, top))) if opposing.within(&start, &top, beyond) => {
+            (Some(opposing), Some((start, top))) if opposing.is_told() && opposing.within(&start, &top, beyond) => {
                 side.opposing = Some(opposing.message(self.outward, &start, &top));
                 side.flags |= opposing.marks(samples, &start, &top, &self.noise_of(&opposing), beyond.obstruction);
                 side.flags |= if top.seen { 0 } else { flags::END_UNSEEN };

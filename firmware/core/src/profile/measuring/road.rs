@@ -53,19 +53,22 @@ pub fn find(samples: &mut [Sample], noise: Noise) -> Option<Road> {
     let wide = Noise { range: millimetres(30) as u32, ..noise };
     line = step(inside(samples, &line, reach), THINNING, &line, &wide)?.line;
     let mut noise = noise;
-    let mut departed = 0;
+    let mut end = None;
     while reach < millimetres(30_000) {
         let fit = step(inside(samples, &line, reach), THINNING, &line, &noise)?;
         line = fit.line;
         noise = updated(&noise, &fit);
-        departed = departure(samples, &line, &noise, inward_of(samples, line.place_at(reach - MARGIN)));
-        let end = departed_at(samples, &line, departed).unwrap_or(i32::MAX);
-        if end < 2 * reach {
+        // Beyond twice the reach the line is not to be trusted: the next piece comes first.
+        let known = inward_of(samples, line.place_at(2 * reach)) + DEPARTURE_SAMPLES as usize;
+        let seen = samples.get(..known).unwrap_or(samples);
+        let departed = departure(seen, &line, &noise, inward_of(seen, line.place_at(reach - MARGIN)));
+        end = departed_at(seen, &line, departed);
+        if end.is_some_and(|end| end < 2 * reach) {
             break;
         }
         reach *= 2;
     }
-    let end = departed_at(samples, &line, departed).unwrap_or(reach) - MARGIN;
+    let end = end.unwrap_or(reach) - MARGIN;
     let road = inside(samples, &line, end.max(FIRST_REACH / 2));
     let size = road.len();
     let fit = step(road, MEASURING, &line, &noise)?;
@@ -159,7 +162,9 @@ fn updated(noise: &Noise, found: &Fit) -> Noise {
     // At the road the beam is nearly square to the surface: g is about 0.9, and the surface's part is taken off.
     let assumed = u64::from(noise.range * noise.range) + u64::from(noise.rough2);
     let total = (assumed * u64::from(found.ratio_q10(PRIOR))) >> 10;
-    let range = total.saturating_sub(u64::from(noise.rough2)).isqrt() as u32;
+    // Its root is clamped to less than what 32 bits have.
+    let range = total.saturating_sub(u64::from(noise.rough2)).min(u64::from(u32::MAX)) as u32;
+    let range = range.isqrt();
     Noise { range: range.clamp(millimetres(1) as u32 / 2, Noise::MAX_RANGE), ..*noise }
 }
 

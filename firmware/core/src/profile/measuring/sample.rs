@@ -10,8 +10,8 @@ use crate::scan::{Echo, MAX_BEAMS};
 /// log2 of the micrometres in a grain.
 pub const GRAIN_BITS: u32 = 3;
 
-/// Returns further away than this on either axis are left out: 33.5 m, beyond the scanner's reach in millimetres.
-const REACH_UM: i32 = 1 << (22 + GRAIN_BITS);
+/// Returns from so far away on are left out: 33.5 m, beyond the scanner's reach in millimetres.
+pub const REACH_UM: i32 = 1 << (22 + GRAIN_BITS);
 
 /// Grains in a number of millimetres.
 pub const fn millimetres(mm: i32) -> i32 {
@@ -74,8 +74,9 @@ impl Noise {
     /// g = down + slope x out. At most 2^13 x 1.5 squared + 2^24 < 2^28.
     pub fn variance(&self, sample: &Sample, slope_q14: i32) -> u32 {
         let g_q14 = i32::from(sample.down_q14) + ((slope_q14 * i32::from(sample.out_q14)) >> 14);
-        let part = (self.range * g_q14.unsigned_abs()) >> 14;
-        part * part + self.rough2
+        // Rounded down, so that of two beams alike but for the side of the surface that they meet one has a grain more.
+        let part = (self.range as i32 * g_q14) >> 14;
+        (part * part) as u32 + self.rough2
     }
 }
 
@@ -86,14 +87,11 @@ pub fn inward_of(samples: &[Sample], (u, z): (i32, i32)) -> usize {
     samples.partition_point(|s| i64::from(s.out_q14) * i64::from(z) + i64::from(s.down_q14) * i64::from(u) > 0)
 }
 
-/// Takes a return of a scan, which come from the right to the left, as a sample that counts outward to the left.
+/// Takes a return of a scan from nearer than [`REACH_UM`], which come from the right to the left, as a sample that counts outward to the left.
 ///
 /// Rounding to grains is towards the sensor, so that a mirrored scan gives mirrored samples.
 #[inline(always)]
 pub fn take(echo: &Echo, samples: &mut Samples) {
-    if echo.point.y_um.abs() >= REACH_UM || echo.point.z_um.abs() >= REACH_UM {
-        return;
-    }
     let sample = Sample {
         u: echo.point.y_um / (1 << GRAIN_BITS),
         z: echo.point.z_um >> GRAIN_BITS,

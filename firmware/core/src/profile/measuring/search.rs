@@ -202,7 +202,8 @@ fn earned(sample: &Sample, line: &Line, obstruction: i32) -> i32 {
     let spent = ratio::<5>(sample, e.wrapping_mul(e) as u32);
     let lost = BELOW_COSTS - ((-e >> 31) & (BELOW_COSTS - ABOVE_COSTS));
     let near = select_unpredictable(spent < EARNED, EARNED.wrapping_sub(spent) as i32, -lost);
-    select_unpredictable(e.unsigned_abs() > obstruction.unsigned_abs(), -ASTRAY_COSTS, near)
+    // As one comparison: a residual below -obstruction wraps.
+    select_unpredictable(e.wrapping_add(obstruction) as u32 > 2 * obstruction as u32, -ASTRAY_COSTS, near)
 }
 
 /// Whether one of three samples, spread evenly over those between the two of a candidate, lies well below the line: nothing grows downward, so

@@ -4,7 +4,7 @@ use crossfall_protocol::Angle;
 use crossfall_protocol::message::{Slope, flags};
 
 use super::hinge::Place;
-use super::line::{Fit, Line, fit, weigh};
+use super::line::{Fit, Line, Precision, fit, weigh};
 use super::magnitude::Magnitude;
 use super::sample::{GRAIN_BITS, Noise, Outward, Sample, inward_of, millimetres};
 use super::search::{self, Run, Wanted};
@@ -35,6 +35,8 @@ pub struct Found {
     /// The sample that it was sought from, and its run counted from there.
     from: usize,
     part: Run,
+    /// Half width of its 95 % interval, 30 fraction bits, once it has settled.
+    half_q30: u32,
 }
 
 /// Finds and measures the slope that is `wanted`, from sample `from` on, which is `start` outward; keeps what its residuals say about the noise. `inner` is the
@@ -83,7 +85,7 @@ pub fn measure(
     }
     let part = run;
     let run = Run { first: run.first + from, last: run.last + from, score: run.score };
-    Some(Found { fit, run, noise: *noise, undulates, unclear, from, part })
+    Some(Found { fit, run, noise: *noise, undulates, unclear, from, part, half_q30: u32::MAX })
 }
 
 /// The gate in which undulating ground is followed.
@@ -179,9 +181,9 @@ const ROUGHNESSES: [u32; 12] = {
 /// is not, as samples lie closer near the sensor, made the errors of simulated slopes one and a half times those of independent residuals. At
 /// its ends the ground is off the line by the undulations themselves.
 fn uneven(fitted: Fit, noise: &Noise) -> Fit {
-    let slope_variance = fitted.slope_variance.times(Magnitude::new(9, -2));
-    let height_variance = fitted.height_variance.plus(Magnitude::new(u64::from(noise.rough2), 0));
-    Fit { slope_variance, height_variance, ..fitted }
+    let slope = fitted.slope_variance().times(Magnitude::new(9, -2));
+    let height = fitted.height_variance().plus(Magnitude::new(u64::from(noise.rough2), 0));
+    Fit { precision: Precision::Variances { slope, height }, ..fitted }
 }
 
 /// What is more than undulation: beyond 20 mm squared about the best line it is two slopes.
@@ -205,12 +207,13 @@ impl Found {
     pub fn settle(&mut self, samples: &mut [Sample], start: &Place, end: &Place, noise: &Noise) {
         let first = inward_of(samples, self.fit.line.place_at(start.u));
         let past = inward_of(samples, self.fit.line.place_at(end.u));
-        let Some(part) = samples.get_mut(first..past) else { return };
-        if let Some(fit) = refit(part, &self.fit.line, noise)
+        if let Some(part) = samples.get_mut(first..past)
+            && let Some(fit) = refit(part, &self.fit.line, noise)
             && fit.count >= LEAST_SAMPLES.min(self.fit.count)
         {
             self.fit = if self.undulates { uneven(fit, noise) } else { fit };
         }
+        self.half_q30 = interval(&self.fit);
     }
 }
 
@@ -237,7 +240,7 @@ fn interval(fitted: &Fit) -> u32 {
     // Student's t at 97.5 %: 1.96 + 2.37 / n + 2.8 / n^2, good to 1 % from 5 degrees of freedom on.
     let freedom = u64::from((fitted.effective_q8 >> 8).saturating_sub(2) + INTERVAL_PRIOR).max(1);
     let t_q10 = 2007 + 2427 / freedom + 2867 / (freedom * freedom);
-    let half = fitted.slope_variance.times(scale).root().times(Magnitude::new(t_q10, -10));
+    let half = fitted.slope_variance().times(scale).root().times(Magnitude::new(t_q10, -10));
     half.scaled(30)
 }
 
@@ -275,7 +278,7 @@ fn marks(part: &[Sample], found: &Found, noise: &Noise, obstruction: i32) -> u16
         marks |= flags::OBSTRUCTED;
     }
     // Too few of what is there agrees, or too little is there to tell a slope from chance.
-    if 20 * on < 11 * count || found.unclear || found.fit.count < 6 || interval(&found.fit) > DOUBTFUL_HALF_Q30 {
+    if 20 * on < 11 * count || found.unclear || found.fit.count < 6 || found.half_q30 > DOUBTFUL_HALF_Q30 {
         marks |= flags::DOUBTFUL;
     }
     marks
@@ -284,8 +287,11 @@ fn marks(part: &[Sample], found: &Found, noise: &Noise, obstruction: i32) -> u16
 /// This many beams in a row without a return on a slope are a shadow rather than chance.
 const SHADOW_BEAMS: u16 = 6;
 
-/// An interval wider than +/-0.5 degrees.
+/// An interval wider than +/-0.5 degrees, ...
 const DOUBTFUL_HALF_Q30: u32 = 9_370_000;
+
+/// ... and one wider than +/-0.7 degrees.
+const UNTOLD_HALF_Q30: u32 = 13_118_000;
 
 impl Found {
     /// The slope as it is reported.
@@ -296,7 +302,7 @@ impl Found {
         // d(angle) = d(slope) cos^2, and 2^30 units of slope are 2^32 / (2 pi) units of angle: 4 / (2 pi).
         const UNITS_Q32: u64 = 2_734_261_102;
         let cos2_q30 = (i64::from(cosine) * i64::from(cosine)) as u64 >> 30;
-        let flat = (u64::from(interval(&self.fit)) * UNITS_Q32) >> 32;
+        let flat = (u64::from(self.half_q30) * UNITS_Q32) >> 32;
         let ci95 = ((flat * cos2_q30) >> 30).min(1 << 30) as i32;
         let run_um = i64::from(end.u.abs_diff(start.u)) << GRAIN_BITS;
         Slope {
@@ -309,10 +315,15 @@ impl Found {
         }
     }
 
+    /// Whether its samples tell the slope: by an interval that leaves of slopes of 4 to 10 degrees more than which way they fall.
+    pub fn is_told(&self) -> bool {
+        self.half_q30 <= UNTOLD_HALF_Q30
+    }
+
     /// Whether slope and length, from hinge to hinge, are within the limits: by their best estimates, give or take their intervals.
     pub fn within(&self, start: &Place, end: &Place, wanted: &Wanted) -> bool {
         let slope_q14 = self.fit.line.slope_q14();
-        let half_q14 = (interval(&self.fit).min(1 << 28) >> 16) as i32;
+        let half_q14 = (self.half_q30.min(1 << 28) >> 16) as i32;
         let run = end.u - start.u;
         let doubt = (start.half.max(end.half)).min(1 << 15) as i32;
         let least = wanted.least_q14 + super::SLACK_Q14 - half_q14;
