@@ -229,9 +229,7 @@ type Refusal = (Fault, Option<u16>);
 /// The payload of a frame, delimiter included, whose check matches.
 fn unframe<'a>(raw: &[u8], plain: &'a mut [u8]) -> Result<&'a [u8], Refusal> {
     let (_, code) = raw.split_last().ok_or((Fault::BadCobs, None))?;
-    let len = unstuff(code, plain).ok_or((Fault::BadCobs, None))?;
-    let plain: &'a [u8] = plain;
-    let framed = plain.get(..len).ok_or((Fault::BadCobs, None))?;
+    let framed = unstuff(code, plain).ok_or((Fault::BadCobs, None))?;
     let (payload, check) = framed.split_last_chunk::<CRC_LEN>().ok_or((Fault::BadCrc, None))?;
     if CRC.checksum(payload) == u32::from_le_bytes(*check) { Ok(payload) } else { Err((Fault::BadCrc, None)) }
 }

@@ -4,8 +4,8 @@
 //! 255. The `cobs` crate, which writes the frames, reads them byte by byte; whoever proves a log of hours reads them by the million, and takes a block at
 //! a time. Both agree on every byte string: the test below.
 
-/// The bytes that a code stands for, its delimiter left off: how many there are at the start of `plain`. Nothing when it is no code, or there is no room.
-pub fn unstuff(code: &[u8], plain: &mut [u8]) -> Option<usize> {
+/// The bytes that a code stands for, its delimiter left off, at the start of `plain`. Nothing when it is no code, or there is no room.
+pub fn unstuff<'a>(code: &[u8], plain: &'a mut [u8]) -> Option<&'a [u8]> {
     let (mut rest, mut len) = (code, 0);
     while let Some((&marker, following)) = rest.split_first() {
         let run = usize::from(marker).checked_sub(1)?;
@@ -20,7 +20,7 @@ pub fn unstuff(code: &[u8], plain: &mut [u8]) -> Option<usize> {
             len += 1;
         }
     }
-    Some(len)
+    plain.get(..len)
 }
 
 #[cfg(test)]
@@ -42,10 +42,7 @@ mod tests {
     }
 
     fn by_blocks(code: &[u8], room: usize) -> Option<std::vec::Vec<u8>> {
-        let mut plain = std::vec![0; room];
-        let len = unstuff(code, &mut plain)?;
-        plain.truncate(len);
-        Some(plain)
+        unstuff(code, &mut std::vec![0; room]).map(<[u8]>::to_vec)
     }
 
     proptest! {

@@ -97,13 +97,8 @@ impl State {
         (self.run > 0).then_some(self.flags | self.special)
     }
 
-    /// Out of line for the writer, which a board has and wants small; the reader is on a desk and wants it quick.
+    /// Out of line: a board, which writes, wants it small, and a reader comes here for few of its beams.
     #[inline(never)]
-    fn expect_apart(&mut self, i: usize) -> Expectation {
-        self.expect(i)
-    }
-
-    #[inline(always)]
     fn expect(&mut self, i: usize) -> Expectation {
         if self.predicting && self.run <= BRIDGE {
             Expectation::Forecast(self.predictor.forecast(i))
@@ -112,13 +107,8 @@ impl State {
         }
     }
 
-    /// See [`State::expect_apart`].
+    /// See [`State::expect`].
     #[inline(never)]
-    fn learn_apart(&mut self, value: u16, expectation: &Expectation) {
-        self.learn(value, expectation);
-    }
-
-    #[inline(always)]
     fn learn(&mut self, value: u16, expectation: &Expectation) {
         let range = value & self.geometry.mask();
         self.flags = value & !self.geometry.mask();
@@ -154,7 +144,7 @@ pub fn write(geometry: Geometry, values: &[u16], out: &mut [u8]) -> Option<usize
         if writer.is_full() {
             return None;
         }
-        let expectation = state.expect_apart(i);
+        let expectation = state.expect(i);
         let again = state.again().map(|again| again == value);
         match again {
             Some(true) => writer.symbol(0, AGAIN),
@@ -167,7 +157,7 @@ pub fn write(geometry: Geometry, values: &[u16], out: &mut [u8]) -> Option<usize
                 Expectation::Forecast(forecast) => write_value(&mut writer, &mut state, forecast, value),
             }
         }
-        state.learn_apart(value, &expectation);
+        state.learn(value, &expectation);
     }
     writer.finish()
 }
