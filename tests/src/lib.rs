@@ -1,6 +1,7 @@
 //! What the end-to-end tests share.
 #![forbid(unsafe_code)]
 
+pub mod arrivals;
 pub mod emulator;
 pub mod fuzzing;
 pub use crossfall::emulated::scanner as lms_emulator;

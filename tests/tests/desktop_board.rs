@@ -16,7 +16,7 @@ use crossfall::capture::{self, Channel};
 use crossfall::emulated::scanner::Scanner;
 use crossfall::simulate::scene::Scene;
 use crossfall::{log, run, simulate};
-use crossfall_core::instrument::{Decode, Identity, Line as Wire};
+use crossfall_core::instrument::{Decode, Identity};
 use crossfall_core::protocol::frame::{Event, HostDecoder};
 use crossfall_core::protocol::message::{Message, Status};
 use crossfall_core::protocol::{Config, DeviceTime};
@@ -27,6 +27,7 @@ use crossfall_firmware::outbox::{Outbox, Queue};
 use crossfall_firmware::survey::Profiles;
 use crossfall_firmware::work::{Places, WorkQueue, WorkReceiver};
 use crossfall_firmware::{lights, link, now, sensors, survey};
+use crossfall_tests::arrivals::{self, Arrival};
 use embassy_executor::{Executor, Spawner};
 use embassy_time::{Duration, MockDriver};
 use embedded_hal::digital::{ErrorType as PinErrors, OutputPin};
@@ -222,13 +223,6 @@ struct Seen {
     set_up_us: u64,
 }
 
-/// One byte or edge of the drive.
-struct Arrival {
-    at_ns: u64,
-    channel: Channel,
-    byte: u8,
-}
-
 /// Moves the clock and the sensors' ends of the lines; the last to be spawned.
 #[embassy_executor::task]
 async fn bench(
@@ -352,21 +346,7 @@ fn the_tasks_stream_what_the_core_alone_makes_of_the_same_bytes() {
     let frames = log::Reader::open(&log_path).expect("a log").flat_map(|frame| frame.expect("whole").bytes);
     let expected = stream(&frames.collect::<Vec<u8>>());
 
-    let config = Config::default();
-    let (mut lidar, mut ins) = (Wire::new(config.scanner.baud), Wire::new(config.ins.baud));
-    let mut drive = Vec::new();
-    for chunk in capture::Reader::open(&capture_path).expect("a capture").map(|chunk| chunk.expect("whole")) {
-        let (channel, chunk_ns) = (chunk.channel, chunk.device_time_ns);
-        match channel {
-            Channel::Pps => drive.push(Arrival { at_ns: chunk_ns, channel, byte: b'p' }),
-            _ => drive.extend(chunk.data.iter().map(|&byte| {
-                let wire = if channel == Channel::Lidar { &mut lidar } else { &mut ins };
-                Arrival { at_ns: wire.take(chunk_ns), channel, byte }
-            })),
-        }
-    }
-    drive.sort_by_key(|arrival| (arrival.at_ns, arrival.channel != Channel::Pps));
-
+    let drive = arrivals::of(&capture_path, &Config::default());
     let (seen, outcome) = mpsc::channel();
     // An executor runs for ever: its thread ends with the test's process.
     thread::spawn(move || {

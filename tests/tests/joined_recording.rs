@@ -46,7 +46,7 @@ fn a_recording_that_begins_in_the_middle_verifies() {
         assert!(report.ok && report.profiles_reproduced > 0, "{report:?}");
         assert_eq!(report.profiles_reproduced + report.profiles_unverifiable, report.profiles);
         // What the histories hold, in scans, and those that had been waiting.
-        let most = (2 * HISTORY).div_ceil(2) + 2 * WAITING;
+        let most = HISTORY.div_ceil(2) + 2 * WAITING;
         assert!(report.profiles_unverifiable as usize <= most, "{} unverifiable", report.profiles_unverifiable);
     }
 }

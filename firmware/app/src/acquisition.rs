@@ -4,14 +4,13 @@
 //! the same order: a log then holds the survey's input exactly, which is what makes it provable.
 //!
 //! The survey runs at a lower priority and may be behind. A scan without room in its queue is streamed, counted as skipped and
-//! not measured. A pose without room is withheld from the link too, as a counted gap: the log must not show the survey an
-//! input that it did not have.
+//! not measured; a pose is streamed. Before either goes a `Skip`, so that who repeats the survey from the log leaves it out too.
 
 use core::cell::RefCell;
 
 use crossfall_core::instrument::{Decode, Event};
 use crossfall_core::sensors::{lms2xx, novatel};
-use crossfall_protocol::message::{Command, Level, LogLine, Message, Outcome, Profile, Reply, Sensor, Status};
+use crossfall_protocol::message::{Command, Level, LogLine, Message, Outcome, Profile, Reply, Sensor, Skip, Status};
 use crossfall_protocol::{Config, DeviceTime};
 
 use crate::outbox::Outbox;
@@ -102,7 +101,7 @@ impl<'q> Acquisition<'q> {
         }
     }
 
-    /// Whether a configuration or a border of the survey would find room in its queue.
+    /// Whether what a command brings about, a configuration or two borders of the survey, would find room in its queue.
     #[must_use]
     pub fn has_room(&self) -> bool {
         self.outlets.survey.has_room()
@@ -155,10 +154,16 @@ impl Outlets<'_> {
             Event::Scan(scan) => {
                 if !self.survey.scan(scan) {
                     self.scans_skipped = self.scans_skipped.wrapping_add(1);
+                    self.link.message(&Message::Skip(Skip::Scan(scan.index)));
                 }
                 true
             }
-            Event::Message(Message::Pose(pose)) => self.survey.input(Work::Pose(pose)),
+            Event::Message(Message::Pose(pose)) => {
+                if !self.survey.input(Work::Pose(pose)) {
+                    self.link.message(&Message::Skip(Skip::Pose(pose.time)));
+                }
+                true
+            }
             Event::Message(Message::Config(config)) => self.survey.input(Work::Config(config)),
             Event::Message(Message::Session(session)) => self.survey.input(Work::Session(session)),
             Event::Message(_) => true,

@@ -57,9 +57,12 @@ fn losses(status: &Status) -> u64 {
         status.ins.overruns,
         status.ins.bad_frames,
         status.scans_missing,
+        status.scans_unreadable,
         status.scans_skipped,
+        status.poses_unreadable,
         status.pulses_overrun,
         status.frames_dropped,
+        status.commands_rejected,
     ]
     .iter()
     .map(|&count| u64::from(count))

@@ -30,13 +30,7 @@ type Line = heapless::String<96>;
 
 /// Brings the scanner up and takes its bytes, for ever.
 pub async fn scanner<L: SensorLine>(shared: &Shared<'_>, mut line: L) -> ! {
-    let config = shared.borrow().config().scanner;
-    let settings = scanner_up::Settings {
-        baud: Baud::of(config.baud).unwrap_or(Baud::B500000),
-        measuring_mode: config.measuring_mode,
-        ..scanner_up::Settings::default()
-    };
-    let mut bring_up = scanner_up::BringUp::new(settings);
+    let mut bring_up = scanner_up::BringUp::new(settings(shared));
     let mut told_silent = false;
     let mut actions: heapless::Vec<scanner_up::Action, ACTIONS> = heapless::Vec::new();
     let mut chunk = [0; CHUNK];
@@ -49,11 +43,22 @@ pub async fn scanner<L: SensorLine>(shared: &Shared<'_>, mut line: L) -> ! {
             perform(shared, &mut line, &mut actions, &mut told_silent).await;
         }
         if shared.borrow_mut().take_restart(Sensor::Lidar) {
+            bring_up = scanner_up::BringUp::new(settings(shared));
             bring_up.restart(now(), &mut |action| note(&mut actions, action));
             perform(shared, &mut line, &mut actions, &mut told_silent).await;
         }
         bring_up.tick(now(), &mut |action| note(&mut actions, action));
         perform(shared, &mut line, &mut actions, &mut told_silent).await;
+    }
+}
+
+/// What the scanner is to be brought to, by the configuration in force.
+fn settings(shared: &Shared<'_>) -> scanner_up::Settings {
+    let config = shared.borrow().config().scanner;
+    scanner_up::Settings {
+        baud: Baud::of(config.baud).unwrap_or(Baud::B500000),
+        measuring_mode: config.measuring_mode,
+        ..scanner_up::Settings::default()
     }
 }
 
@@ -97,6 +102,9 @@ pub async fn inertial<L: SensorLine>(shared: &Shared<'_>, mut line: L) -> ! {
             }
         }
         if shared.borrow_mut().take_restart(Sensor::Ins) {
+            // The unit keeps its own rate: the line follows what the configuration says of it.
+            let baud = shared.borrow().config().ins.baud;
+            line.set_baud(baud).await;
             bring_up.restart(now(), &mut |action| note(&mut actions, action));
         } else {
             bring_up.tick(now(), &mut |action| note(&mut actions, action));

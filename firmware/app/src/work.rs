@@ -77,10 +77,10 @@ pub struct WorkSender<'q> {
 }
 
 impl WorkSender<'_> {
-    /// Whether an input other than a scan would find room.
+    /// Whether two inputs other than scans would find room: no command brings about more.
     #[must_use]
     pub fn has_room(&self) -> bool {
-        !self.inputs.is_full()
+        self.inputs.len() + 2 <= INPUTS
     }
 
     /// Queues a scan; false when there is no room.

@@ -192,9 +192,11 @@ fn the_scanners_own_word_on_its_mode_goes_before_the_configuration() {
     let mut stored = vec![0xf4; 35];
     stored[1 + 5] = 5;
 
-    let mut decoder = Decoder::new(6);
+    let mut decoder = Decoder::new(4);
     let mode = |seen: &[Seen]| scans(seen)[0].0.mode;
     let full = scan(361, MILLIMETRES, &[]);
+    assert_eq!(mode(&feed(&mut decoder, &full)).measuring, 4);
+    decoder.assume_measuring_mode(6);
     // A quarter less: of 100 degrees, second fraction: what step the whole has only the scanner can tell.
     let partial = scan(100, MILLIMETRES | PARTIAL | 2 << 11, &[]);
     assert_eq!(mode(&feed(&mut decoder, &full)).measuring, 6);
@@ -204,8 +206,9 @@ fn the_scanners_own_word_on_its_mode_goes_before_the_configuration() {
     assert_eq!(mode(&feed(&mut decoder, &partial)).step_cdeg, 50);
     feed(&mut decoder, &telegram(0x80, &stored, 0x10));
     assert_eq!(mode(&feed(&mut decoder, &full)).measuring, 5);
+    // The scanner has spoken: what is assumed no longer counts.
     decoder.assume_measuring_mode(2);
-    assert_eq!((mode(&feed(&mut decoder, &full)).measuring, decoder.measuring_mode()), (2, 2));
+    assert_eq!((mode(&feed(&mut decoder, &full)).measuring, decoder.measuring_mode()), (5, 5));
 }
 
 #[test]

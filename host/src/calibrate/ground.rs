@@ -7,7 +7,7 @@
 //! What a line knows of its slope grows with the third power of its reach (as the tangent of the outermost beam's angle, cubed). A parked vehicle sees
 //! the same ground in every scan, so that the scans together tell to a millimetre how far it is even: as far as that, points count.
 
-use crossfall_core::attitude::{HISTORY, History, ScanRoll};
+use crossfall_core::attitude::{History, ScanRoll};
 use crossfall_core::protocol::message::flags;
 use crossfall_core::protocol::{DeviceTime, config};
 use crossfall_core::scan::{self, Points, RawScan};
@@ -172,12 +172,12 @@ impl<'a> Ground<'a> {
         points.iter().map(|echo| (f64::from(echo.point.y_um) * 1e-6, f64::from(echo.point.z_um) * 1e-6)).collect()
     }
 
-    /// The poses around a scan, as the core's history would hold them.
+    /// Poses around a scan as the core's history would hold them: a few before it and more than it lasts.
     fn history_around(&self, start: DeviceTime) -> History {
         let poses = &self.drive.poses;
-        let first = poses.partition_point(|pose| pose.time < start).saturating_sub(HISTORY / 4);
+        let first = poses.partition_point(|pose| pose.time < start).saturating_sub(8);
         let mut history = History::default();
-        for pose in poses.iter().skip(first).take(HISTORY) {
+        for pose in poses.iter().skip(first).take(32) {
             history.push(pose);
         }
         history

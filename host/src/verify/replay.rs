@@ -58,8 +58,9 @@ impl Default for Replay {
 impl Replay {
     /// Something was lost here.
     pub fn gap(&mut self) {
-        // Two histories of poses, as a lost clock frame may have changed which of them count.
-        self.unsure = Unsure { poses: 2 * HISTORY, scans: 2 * WAITING, pulses: WINDOW + 4, ..self.unsure };
+        // A history of poses: more than the half second after which those that follow count again whatever clock frame was lost. Scans that
+        // had begun before the gap come within as many as may wait, over a slow line as well.
+        self.unsure = Unsure { poses: HISTORY, scans: 2 * WAITING, pulses: WINDOW + 4, ..self.unsure };
     }
 
     /// The log begins while the board is at work. What it says of the configuration is all that is known.

@@ -45,7 +45,7 @@ const CONFIG: usize = HEAD + SCANNER + INS + ATTITUDE + SURVEY;
 
 const LINE: usize = 2 * U64 + 3 * U32;
 
-/// Time, both lines, nine counters.
+/// Time, both lines, eleven counters.
 const STATUS: usize = HEAD + U64 + 2 * LINE + 11 * U32;
 
 /// Time, latency, timing, week, microseconds, three angles, fix, status.

@@ -1,7 +1,7 @@
 //! Sequence numbers: dealt out by the sender, turned into a count of missing frames by the receiver.
 //!
 //! Sixteen bits wrap every 65,536 frames. A step forward of less than half a turn is read as frames lost, anything
-//! else as a sender that began again; a loss of 32,768 frames or more (five minutes of a survey) is therefore seen but
+//! else as a sender that began again; a loss of 32,768 frames or more (three minutes of a survey) is therefore seen but
 //! not counted right.
 
 use super::NoRoom;

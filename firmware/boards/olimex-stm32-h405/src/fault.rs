@@ -11,10 +11,11 @@ use core::ptr;
 
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::exception;
+use crossfall_core::instrument::RESTART_TEXT;
 use embassy_stm32::pac;
 
-/// Longest text kept.
-const CAPACITY: usize = 160;
+/// Longest text kept: what the hello has room for.
+const CAPACITY: usize = RESTART_TEXT;
 
 const MARK: u32 = 0x0c50_55fa;
 
@@ -131,7 +132,16 @@ fn reset_with(reason: fmt::Arguments) -> ! {
 
 #[panic_handler]
 fn panic(info: &PanicInfo) -> ! {
-    reset_with(format_args!("{info}"))
+    let message = info.message();
+    match info.location() {
+        Some(place) => reset_with(format_args!("panicked at {}:{}: {message}", source(place.file()), place.line())),
+        None => reset_with(format_args!("panicked: {message}")),
+    }
+}
+
+/// The end of a source file's path: where somebody's registry lies says nothing, and would leave no room for the message.
+fn source(path: &str) -> &str {
+    path.rmatch_indices('/').nth(2).and_then(|(slash, _)| path.get(slash + 1..)).unwrap_or(path)
 }
 
 // A fault may come from a stack that has no room left, so the stack starts afresh before anything is called: nothing of

@@ -1,7 +1,7 @@
 //! Builds the two largest states where they will stay.
 //!
-//! They are 26 and 13 KiB, more than the stack, and the compiler cannot be made to write a returned value straight into a static: it
-//! builds it on the stack and moves it. The C calling convention can: a result larger than a word is written to the address in r0, the
+//! They are 17 and 13 KiB: on a stack of 16 KiB the first has no room and the second leaves too little. The compiler cannot be made to write a returned value straight
+//! into a static: it builds it on the stack and moves it. The C calling convention can: a result larger than a word is written to the address in r0, the
 //! arguments follow in r1 and r2 (AAPCS32, 6.4 and 6.5).
 
 use core::arch::asm;

@@ -14,8 +14,9 @@ use crossfall_protocol::{Angle, DeviceTime};
 use crate::scan::{KNOTS, RawScan, RollTrack};
 use cubic::Cubic;
 
-/// Poses kept: 320 ms at 100 Hz. A scan needs those from its first beam (41 ms before its telegram is complete) on.
-pub const HISTORY: usize = 32;
+/// Poses kept. A scan needs those from its first beam on: 41 ms before its telegram is complete at 500,000 baud, 0.8 s at 9,600 baud and a second with
+/// the longest delay that a configuration may add. So these are enough for every line with poses at 100 Hz, and down to 19,200 baud at 200 Hz.
+pub const HISTORY: usize = 128;
 
 /// A pose out of order by less than this is ignored; by more, time itself has been set anew and the history begins again.
 const REORDER_US: i64 = 500_000;

@@ -76,6 +76,26 @@ fn every_beam_gets_the_roll_of_its_own_instant() {
 }
 
 #[test]
+fn a_scan_that_has_come_over_a_slow_line_still_finds_its_poses() {
+    for (baud, period_us) in [(9_600, 10_000), (19_200, 10_000), (19_200, 5_000), (38_400, 5_000), (500_000, 5_000)] {
+        // 732 bytes of ten bits; the longest delay that a configuration may have.
+        let telegram_us = 7_320_000_000 / baud;
+        let delay_us = 200_000;
+        let scan = half_degree_scan(DeviceTime(3_000_000));
+        let mut history = History::default();
+        for i in 0.. {
+            let time = DeviceTime(i * period_us);
+            if time.0 > scan.stx.0 + telegram_us + 20_000 {
+                break;
+            }
+            history.push(&pose(time, 1.0));
+        }
+        let found = history.over_scan(&scan, scan.start(delay_us), &limits());
+        assert_eq!(found.flags, 0, "{baud} baud, a pose every {period_us} us");
+    }
+}
+
+#[test]
 fn a_constant_roll_is_reproduced_to_the_last_bit() {
     let mut history = History::default();
     for i in 0..20 {

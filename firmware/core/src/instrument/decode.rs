@@ -15,7 +15,7 @@ use crate::sensors::novatel::InsSolution;
 use crate::sensors::{Scanner, lms2xx, novatel};
 
 /// Longest text in [`Identity::restart`].
-pub const RESTART_TEXT: usize = 64;
+pub const RESTART_TEXT: usize = 160;
 
 /// What the board says of itself in its hello.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -246,7 +246,8 @@ impl<S: Scanner> Decode<S> {
         out(Event::Message(Message::Status(self.status(now))));
     }
 
-    /// Whether a command has asked for this sensor to be brought up again; asked once, told once. A board's sensor tasks look here.
+    /// Whether a command has asked for this sensor to be brought up again, or changed what it is brought up with; asked once, told once. A board's
+    /// sensor tasks look here.
     pub fn take_restart(&mut self, sensor: Sensor) -> bool {
         core::mem::take(self.restart_of(sensor))
     }
@@ -293,16 +294,21 @@ impl<S: Scanner> Decode<S> {
         }
     }
 
+    /// A survey that runs is stopped first: the scans that wait in it are measured, not lost.
     fn begin(&mut self, now: DeviceTime, out: &mut impl FnMut(Event<'_>)) {
+        if self.state.running {
+            self.stop(now, out);
+        }
         self.state.running = true;
         out(Event::Message(Message::Session(Session::Started(now))));
     }
 
     fn configure(&mut self, config: &Config) {
-        // A mode that the scanner itself reported is not overruled by a configuration that leaves it as it was.
-        if config.scanner.measuring_mode != self.config.scanner.measuring_mode {
-            self.lidar.assume_measuring_mode(config.scanner.measuring_mode);
-        }
+        let (old, new) = (self.config.scanner, config.scanner);
+        self.lidar.assume_measuring_mode(new.measuring_mode);
+        // What only a sensor can change it is brought up for again.
+        self.restarts.lidar |= (new.baud, new.measuring_mode) != (old.baud, old.measuring_mode);
+        self.restarts.ins |= config.ins.baud != self.config.ins.baud;
         self.state.latency_us = config.ins.latency_us;
         self.config = *config;
     }

@@ -66,6 +66,8 @@ pub struct Decoder {
 struct Scans {
     scan: RawScan,
     measuring: u8,
+    /// The scanner itself has told it.
+    reported: bool,
     /// Span in degrees and step in hundredths that the scanner reported last.
     variant: Option<(u8, u8)>,
     telegram_index: Option<u8>,
@@ -92,6 +94,7 @@ impl Decoder {
                     values: [0; MAX_BEAMS],
                 },
                 measuring: measuring_mode,
+                reported: false,
                 variant: None,
                 telegram_index: None,
                 decoded: 0,
@@ -156,9 +159,12 @@ impl Decoder {
         self.scans.measuring
     }
 
-    /// Assumes this measuring mode from now on, until the scanner reports its own.
+    /// Assumes this measuring mode from now on, until the scanner reports its own. One that it has reported stands: values read by
+    /// another are wrong.
     pub fn assume_measuring_mode(&mut self, mode: u8) {
-        self.scans.measuring = mode;
+        if !self.scans.reported {
+            self.scans.measuring = mode;
+        }
     }
 }
 
@@ -225,11 +231,11 @@ impl Scans {
         let reply = Reply::read(command, data);
         match &reply {
             Reply::Report(report) => {
-                self.measuring = report.measuring_mode;
+                (self.measuring, self.reported) = (report.measuring_mode, true);
                 self.variant = Some((report.span_deg, report.step_cdeg));
             }
             Reply::Configuration(configuration) | Reply::Configured { configuration, .. } => {
-                self.measuring = configuration.measuring_mode();
+                (self.measuring, self.reported) = (configuration.measuring_mode(), true);
             }
             _ => {}
         }
