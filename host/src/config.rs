@@ -9,6 +9,7 @@ use std::path::Path;
 
 use crossfall_protocol::config::{
     Attitude, Config, ConfigError, Ins, Limits, Measuring, Method, Scanner, Seed, Survey,
+    range::{self, Range},
 };
 use crossfall_protocol::units::Angle;
 use serde::Deserialize;
@@ -180,14 +181,18 @@ impl ScannerTable {
             mounting_offset: angle(
                 "scanner.mounting_offset_deg",
                 self.mounting_offset_deg,
-                -90.0,
-                90.0,
+                range::MOUNTING_OFFSET,
                 default.mounting_offset,
             )?,
             mirrored: self.mirrored.unwrap_or(default.mirrored),
-            delay_us: scaled("scanner.delay_ms", self.delay_ms, 1e3, -1_000.0, 1_000.0, default.delay_us)?,
-            measuring_mode: whole("scanner.measuring_mode", self.measuring_mode, 0, 6, default.measuring_mode)?,
-            baud: whole("scanner.baud", self.baud, 9_600, 500_000, default.baud)?,
+            delay_us: scaled("scanner.delay_ms", self.delay_ms, 1e3, range::DELAY_US, default.delay_us)?,
+            measuring_mode: whole(
+                "scanner.measuring_mode",
+                self.measuring_mode,
+                range::MEASURING_MODE,
+                default.measuring_mode,
+            )?,
+            baud: whole("scanner.baud", self.baud, BAUD, default.baud)?,
         })
     }
 }
@@ -198,11 +203,11 @@ impl InsTable {
         for (into, value) in
             lever_arm_mm.iter_mut().zip(self.lever_arm_mm.unwrap_or(default.lever_arm_mm.map(i64::from)))
         {
-            *into = whole("ins.lever_arm_mm", Some(value), -100_000, 100_000, 0)?;
+            *into = whole("ins.lever_arm_mm", Some(value), range::LEVER_ARM_MM, 0)?;
         }
         Ok(Ins {
-            baud: whole("ins.baud", self.baud, 9_600, 921_600, default.baud)?,
-            latency_us: scaled("ins.latency_ms", self.latency_ms, 1e3, 0.0, 1_000.0, default.latency_us)?,
+            baud: whole("ins.baud", self.baud, BAUD, default.baud)?,
+            latency_us: scaled("ins.latency_ms", self.latency_ms, 1e3, range::LATENCY_US, default.latency_us)?,
             lever_arm_mm,
         })
     }
@@ -211,8 +216,8 @@ impl InsTable {
 impl AttitudeTable {
     fn apply(self, default: Attitude) -> Result<Attitude, Invalid> {
         Ok(Attitude {
-            max_gap_us: scaled("attitude.max_gap_ms", self.max_gap_ms, 1e3, 1.0, 10_000.0, default.max_gap_us)?,
-            hold_us: scaled("attitude.hold_ms", self.hold_ms, 1e3, 0.0, 10_000.0, default.hold_us)?,
+            max_gap_us: scaled("attitude.max_gap_ms", self.max_gap_ms, 1e3, range::MAX_GAP_US, default.max_gap_us)?,
+            hold_us: scaled("attitude.hold_ms", self.hold_ms, 1e3, range::HOLD_US, default.hold_us)?,
         })
     }
 }
@@ -242,26 +247,23 @@ impl LimitsTable {
                 &format!("{key}.min_length_m"),
                 self.min_length_m,
                 1e6,
-                0.1,
-                50.0,
+                range::LENGTH_UM,
                 default.min_length_um,
             )?,
             max_length_um: scaled(
                 &format!("{key}.max_length_m"),
                 self.max_length_m,
                 1e6,
-                0.1,
-                50.0,
+                range::LENGTH_UM,
                 default.max_length_um,
             )?,
-            min_slope: angle(&format!("{key}.min_slope_deg"), self.min_slope_deg, 0.0, 60.0, default.min_slope)?,
-            max_slope: angle(&format!("{key}.max_slope_deg"), self.max_slope_deg, 0.0, 60.0, default.max_slope)?,
+            min_slope: angle(&format!("{key}.min_slope_deg"), self.min_slope_deg, range::SLOPE, default.min_slope)?,
+            max_slope: angle(&format!("{key}.max_slope_deg"), self.max_slope_deg, range::SLOPE, default.max_slope)?,
             obstruction_um: scaled(
                 &format!("{key}.obstruction_mm"),
                 self.obstruction_mm,
                 1e3,
-                1.0,
-                5_000.0,
+                range::OBSTRUCTION_UM,
                 default.obstruction_um,
             )?,
         })
@@ -272,24 +274,28 @@ impl SeedTable {
     fn apply(self, default: Seed) -> Result<Seed, Invalid> {
         let key = "survey.seed";
         Ok(Seed {
-            spacing_um: scaled(&format!("{key}.spacing_mm"), self.spacing_mm, 1e3, 10.0, 1_000.0, default.spacing_um)?,
-            inlier_um: scaled(&format!("{key}.inlier_mm"), self.inlier_mm, 1e3, 1.0, 1_000.0, default.inlier_um)?,
+            spacing_um: scaled(
+                &format!("{key}.spacing_mm"),
+                self.spacing_mm,
+                1e3,
+                range::SPACING_UM,
+                default.spacing_um,
+            )?,
+            inlier_um: scaled(&format!("{key}.inlier_mm"), self.inlier_mm, 1e3, range::INLIER_UM, default.inlier_um)?,
             departure_um: scaled(
                 &format!("{key}.departure_mm"),
                 self.departure_mm,
                 1e3,
-                1.0,
-                1_000.0,
+                range::DEPARTURE_UM,
                 default.departure_um,
             )?,
             departure_points: whole(
                 &format!("{key}.departure_points"),
                 self.departure_points,
-                1,
-                50,
+                range::DEPARTURE_POINTS,
                 default.departure_points,
             )?,
-            onset_um: scaled(&format!("{key}.onset_mm"), self.onset_mm, 1e3, 0.0, 1_000.0, default.onset_um)?,
+            onset_um: scaled(&format!("{key}.onset_mm"), self.onset_mm, 1e3, range::ONSET_UM, default.onset_um)?,
         })
     }
 }
@@ -302,16 +308,14 @@ impl MeasuringTable {
                 &format!("{key}.range_sigma_mm"),
                 self.range_sigma_mm,
                 1e3,
-                0.1,
-                200.0,
+                range::RANGE_SIGMA_UM,
                 default.range_sigma_um,
             )?,
             roughness_um: scaled(
                 &format!("{key}.roughness_mm"),
                 self.roughness_mm,
                 1e3,
-                0.0,
-                200.0,
+                range::ROUGHNESS_UM,
                 default.roughness_um,
             )?,
         })
@@ -337,44 +341,48 @@ fn agree(config: &Config) -> Result<(), Invalid> {
     config.check().map_err(refused)
 }
 
-/// What the board would answer to it: its own limits are the narrower ones.
+/// What a board would answer to it: rates that a device lacks, and what the ranges of single keys leave open.
 fn refused(error: ConfigError) -> Invalid {
     match error {
         ConfigError::NoSuchBaud { field, value } => Invalid::new(field, value, "a rate that the device has"),
-        ConfigError::OutOfRange { field, value, min, max } => {
-            Invalid::new(field, value, format!("{min} to {max} (in the wire's unit)"))
+        ConfigError::OutOfRange { field: "survey.limits.max_slope", value, max, .. } => {
+            let expected = format!("at most {} by the method \"seed\"", max as f64 / 1e6);
+            Invalid::new("survey.limits.max_slope_deg", value as f64 / 1e6, expected)
         }
         contradiction => Invalid::new("survey", "a contradiction", contradiction.to_string()),
     }
 }
 
+/// Rates of any line; which of them a device has is for the check of the whole.
+const BAUD: Range = 9_600..=921_600;
+
+/// A range of the wire in the user's unit, `scale` of the wire's in one.
+fn bounds(range: &Range, scale: f64) -> (f64, f64) {
+    (*range.start() as f64 / scale, *range.end() as f64 / scale)
+}
+
 /// A number in the user's unit as an integer of the wire, `scale` of which make one.
-fn scaled<T: TryFrom<i64>>(
-    key: &str,
-    value: Option<f64>,
-    scale: f64,
-    low: f64,
-    high: f64,
-    default: T,
-) -> Result<T, Invalid> {
+fn scaled<T: TryFrom<i64>>(key: &str, value: Option<f64>, scale: f64, range: Range, default: T) -> Result<T, Invalid> {
     let Some(value) = value else { return Ok(default) };
+    let (low, high) = bounds(&range, scale);
     within(key, value, low, high)?;
     // Within bounds that fit every integer of the wire.
     T::try_from((value * scale).round() as i64)
         .map_err(|_| Invalid::new(key, value, format!("a number from {low} to {high}")))
 }
 
-fn whole<T: TryFrom<i64>>(key: &str, value: Option<i64>, low: i64, high: i64, default: T) -> Result<T, Invalid> {
+fn whole<T: TryFrom<i64>>(key: &str, value: Option<i64>, range: Range, default: T) -> Result<T, Invalid> {
     let Some(value) = value else { return Ok(default) };
-    let error = || Invalid::new(key, value, format!("a whole number from {low} to {high}"));
-    if !(low..=high).contains(&value) {
+    let error = || Invalid::new(key, value, format!("a whole number from {} to {}", range.start(), range.end()));
+    if !range.contains(&value) {
         return Err(error());
     }
     T::try_from(value).map_err(|_| error())
 }
 
-fn angle(key: &str, value: Option<f64>, low: f64, high: f64, default: Angle) -> Result<Angle, Invalid> {
+fn angle(key: &str, value: Option<f64>, range: Range, default: Angle) -> Result<Angle, Invalid> {
     let Some(value) = value else { return Ok(default) };
+    let (low, high) = bounds(&range, 1e6);
     within(key, value, low, high)?;
     Ok(angle_of(value))
 }
@@ -462,5 +470,18 @@ mod tests {
         assert!(refuse("[survey]\nmethod = \"best\"").ends_with("expected \"measuring\" or \"seed\""));
         assert!(refuse("[ins]\nbaud = 915200").contains("ins.baud = 915200, expected a rate that the device has"));
         assert!(refuse("[ins]\nlatency_ms = nan").contains("ins.latency_ms = NaN, expected"));
+        // What is accepted is what is measured with: no value is cut down to what the core can do.
+        assert_eq!(
+            refuse("[survey.limits]\nobstruction_mm = 300"),
+            "c.toml: survey.limits.obstruction_mm = 300, expected a number from 0.001 to 262"
+        );
+        assert_eq!(
+            refuse("[survey.seed]\nspacing_mm = 20"),
+            "c.toml: survey.seed.spacing_mm = 20, expected a number from 50 to 1000"
+        );
+        assert_eq!(
+            refuse("[survey]\nmethod = \"seed\"\n[survey.limits]\nmax_slope_deg = 50"),
+            "c.toml: survey.limits.max_slope_deg = 50, expected at most 45 by the method \"seed\""
+        );
     }
 }

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::units::Angle;
 
-pub use check::{ConfigError, INS_BAUDS, MAX_LENGTH_UM, SCANNER_BAUDS};
+pub use check::{ConfigError, INS_BAUDS, SCANNER_BAUDS, range};
 
 /// The whole configuration of an instrument.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]

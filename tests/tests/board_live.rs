@@ -83,7 +83,7 @@ fn a_drive_on_the_emulated_board_is_steered_from_the_page_and_verifies() {
     page.ask(&json!({ "do": "mark", "label": "bridge" }));
 
     let mut wanted = Config::default();
-    wanted.survey.limits.obstruction_um = 300_000;
+    wanted.survey.limits.obstruction_um = 200_000;
     let echo = page.ask(&json!({ "do": "configure", "toml": config::to_toml(&wanted) }));
     assert_eq!(echo["toml"].as_str(), Some(config::to_toml(&wanted).as_str()), "{echo}");
 

@@ -1,16 +1,59 @@
 //! What a configuration must fulfil before it is put in force.
 //!
-//! The fixed-point code downstream relies on these ranges: lengths up to 50 m in micrometres leave five bits of an `i32`
-//! free, no divisor is zero and no pair of thresholds contradicts itself. A board keeps its old configuration when the
+//! The fixed-point code downstream relies on these ranges, no divisor is zero and no pair of thresholds contradicts itself. Nothing that passes is
+//! clamped further on: what is put in force is what is measured with. A board keeps its old configuration when the
 //! new one fails.
 
 use core::fmt;
+use core::ops::RangeInclusive;
 
-use super::{Attitude, Config, Ins, Limits, Measuring, Scanner, Seed, Survey};
+use super::{Attitude, Config, Ins, Limits, Measuring, Method, Scanner, Seed, Survey};
 use crate::units::Angle;
 
-/// Longest length anywhere: 50 m.
-pub const MAX_LENGTH_UM: i32 = 50_000_000;
+/// The ranges of single fields, in the wire's units. What a user is told is made of these too.
+pub mod range {
+    use core::ops::RangeInclusive;
+
+    /// A field's least and greatest value.
+    pub type Range = RangeInclusive<i64>;
+
+    /// `scanner.mounting_offset`, microdegrees.
+    pub const MOUNTING_OFFSET: Range = -90_000_000..=90_000_000;
+    /// `scanner.delay_us`.
+    pub const DELAY_US: Range = -200_000..=200_000;
+    /// `scanner.measuring_mode`.
+    pub const MEASURING_MODE: Range = 0..=6;
+    /// `ins.latency_us`.
+    pub const LATENCY_US: Range = 0..=200_000;
+    /// `ins.lever_arm_mm`, each of the three.
+    pub const LEVER_ARM_MM: Range = -50_000..=50_000;
+    /// `attitude.max_gap_us`.
+    pub const MAX_GAP_US: Range = 1..=1_000_000;
+    /// `attitude.hold_us`.
+    pub const HOLD_US: Range = 0..=1_000_000;
+    /// `survey.limits.min_length_um` and `max_length_um`: 50 m in micrometres leave five bits of an `i32` free.
+    pub const LENGTH_UM: Range = 1..=50_000_000;
+    /// `survey.limits.min_slope` and `max_slope`, microdegrees. The paper's search ends at [`STEEPEST_BY_SEED`].
+    pub const SLOPE: Range = 0..=60_000_000;
+    /// Steepest slope that the paper's search looks for, microdegrees.
+    pub const STEEPEST_BY_SEED: i64 = 45_000_000;
+    /// `survey.limits.obstruction_um`: residuals have 15 bits of 8 micrometres.
+    pub const OBSTRUCTION_UM: Range = 1..=262_000;
+    /// `survey.seed.spacing_um`: closer would be closer than the beams on a road, and a search of 50 mm takes a board many times as long as a scan lasts.
+    pub const SPACING_UM: Range = 50_000..=1_000_000;
+    /// `survey.seed.inlier_um`.
+    pub const INLIER_UM: Range = 1..=262_000;
+    /// `survey.seed.departure_um`: the search's thresholds have 22 bits.
+    pub const DEPARTURE_UM: Range = 1..=4_194_000;
+    /// `survey.seed.departure_points`.
+    pub const DEPARTURE_POINTS: Range = 1..=100;
+    /// `survey.seed.onset_um`.
+    pub const ONSET_UM: Range = 0..=4_194_000;
+    /// `survey.measuring.range_sigma_um`.
+    pub const RANGE_SIGMA_UM: Range = 100..=60_000;
+    /// `survey.measuring.roughness_um`: its square has 24 bits of 8 micrometres squared.
+    pub const ROUGHNESS_UM: Range = 0..=32_700;
+}
 
 /// Baud rates of an LMS 2xx (TL, command 20h).
 pub const SCANNER_BAUDS: [u32; 4] = [9_600, 19_200, 38_400, 500_000];
@@ -74,22 +117,17 @@ impl fmt::Display for ConfigError {
 impl core::error::Error for ConfigError {}
 
 /// A field within its range.
-fn within(field: &'static str, value: impl Into<i64>, min: i64, max: i64) -> Result<(), ConfigError> {
+fn within(field: &'static str, value: impl Into<i64>, range: RangeInclusive<i64>) -> Result<(), ConfigError> {
     let value = value.into();
+    let (min, max) = range.into_inner();
     if (min..=max).contains(&value) { Ok(()) } else { Err(ConfigError::OutOfRange { field, value, min, max }) }
 }
 
-/// A length from `min` to 50 m.
-fn length(field: &'static str, value_um: i32, min_um: i64) -> Result<(), ConfigError> {
-    within(field, value_um, min_um, MAX_LENGTH_UM.into())
-}
-
-/// An angle in whole degrees' bounds. Compared as binary angles, so that rounding to microdegrees decides nothing.
-fn angle(field: &'static str, value: Angle, min_deg: i32, max_deg: i32) -> Result<(), ConfigError> {
-    let [min, max] = [min_deg, max_deg].map(|degrees| degrees * 1_000_000);
-    if value < Angle::from_microdegrees(min) || value > Angle::from_microdegrees(max) {
-        let value = value.to_microdegrees().into();
-        return Err(ConfigError::OutOfRange { field, value, min: min.into(), max: max.into() });
+/// An angle within a range in microdegrees. Compared as binary angles, so that rounding to microdegrees decides nothing.
+fn angle(field: &'static str, value: Angle, range: RangeInclusive<i64>) -> Result<(), ConfigError> {
+    let (min, max) = range.into_inner();
+    if value < Angle::from_microdegrees(min as i32) || value > Angle::from_microdegrees(max as i32) {
+        return Err(ConfigError::OutOfRange { field, value: value.to_microdegrees().into(), min, max });
     }
     Ok(())
 }
@@ -113,9 +151,9 @@ impl Config {
 
 impl Scanner {
     fn check(&self) -> Result<(), ConfigError> {
-        angle("scanner.mounting_offset", self.mounting_offset, -90, 90)?;
-        within("scanner.delay_us", self.delay_us, -200_000, 200_000)?;
-        within("scanner.measuring_mode", self.measuring_mode, 0, 6)?;
+        angle("scanner.mounting_offset", self.mounting_offset, range::MOUNTING_OFFSET)?;
+        within("scanner.delay_us", self.delay_us, range::DELAY_US)?;
+        within("scanner.measuring_mode", self.measuring_mode, range::MEASURING_MODE)?;
         baud("scanner.baud", self.baud, &SCANNER_BAUDS)
     }
 }
@@ -123,15 +161,15 @@ impl Scanner {
 impl Ins {
     fn check(&self) -> Result<(), ConfigError> {
         baud("ins.baud", self.baud, &INS_BAUDS)?;
-        within("ins.latency_us", self.latency_us, 0, 200_000)?;
-        self.lever_arm_mm.iter().try_for_each(|&arm| within("ins.lever_arm_mm", arm, -50_000, 50_000))
+        within("ins.latency_us", self.latency_us, range::LATENCY_US)?;
+        self.lever_arm_mm.iter().try_for_each(|&arm| within("ins.lever_arm_mm", arm, range::LEVER_ARM_MM))
     }
 }
 
 impl Attitude {
     fn check(&self) -> Result<(), ConfigError> {
-        within("attitude.max_gap_us", self.max_gap_us, 1, 1_000_000)?;
-        within("attitude.hold_us", self.hold_us, 0, 1_000_000)
+        within("attitude.max_gap_us", self.max_gap_us, range::MAX_GAP_US)?;
+        within("attitude.hold_us", self.hold_us, range::HOLD_US)
     }
 }
 
@@ -143,17 +181,20 @@ impl Survey {
         if self.seed.inlier_um > self.limits.obstruction_um {
             return Err(ConfigError::InlierBeyondObstruction);
         }
-        Ok(())
+        match self.method {
+            Method::Seed => angle("survey.limits.max_slope", self.limits.max_slope, 0..=range::STEEPEST_BY_SEED),
+            Method::Measuring => Ok(()),
+        }
     }
 }
 
 impl Limits {
     fn check(&self) -> Result<(), ConfigError> {
-        length("survey.limits.min_length_um", self.min_length_um, 1)?;
-        length("survey.limits.max_length_um", self.max_length_um, 1)?;
-        angle("survey.limits.min_slope", self.min_slope, 0, 90)?;
-        angle("survey.limits.max_slope", self.max_slope, 0, 90)?;
-        length("survey.limits.obstruction_um", self.obstruction_um, 1)?;
+        within("survey.limits.min_length_um", self.min_length_um, range::LENGTH_UM)?;
+        within("survey.limits.max_length_um", self.max_length_um, range::LENGTH_UM)?;
+        angle("survey.limits.min_slope", self.min_slope, range::SLOPE)?;
+        angle("survey.limits.max_slope", self.max_slope, range::SLOPE)?;
+        within("survey.limits.obstruction_um", self.obstruction_um, range::OBSTRUCTION_UM)?;
         if self.min_length_um > self.max_length_um {
             return Err(ConfigError::MinLengthAboveMax);
         }
@@ -166,12 +207,11 @@ impl Limits {
 
 impl Seed {
     fn check(&self) -> Result<(), ConfigError> {
-        // Closer would be closer than the beams on a road, and more points than memory is meant for.
-        within("survey.seed.spacing_um", self.spacing_um, 50_000, 1_000_000)?;
-        length("survey.seed.inlier_um", self.inlier_um, 1)?;
-        length("survey.seed.departure_um", self.departure_um, 1)?;
-        within("survey.seed.departure_points", self.departure_points, 1, 100)?;
-        length("survey.seed.onset_um", self.onset_um, 0)?;
+        within("survey.seed.spacing_um", self.spacing_um, range::SPACING_UM)?;
+        within("survey.seed.inlier_um", self.inlier_um, range::INLIER_UM)?;
+        within("survey.seed.departure_um", self.departure_um, range::DEPARTURE_UM)?;
+        within("survey.seed.departure_points", self.departure_points, range::DEPARTURE_POINTS)?;
+        within("survey.seed.onset_um", self.onset_um, range::ONSET_UM)?;
         if self.onset_um >= self.departure_um {
             return Err(ConfigError::OnsetNotBelowDeparture);
         }
@@ -181,8 +221,8 @@ impl Seed {
 
 impl Measuring {
     fn check(&self) -> Result<(), ConfigError> {
-        within("survey.measuring.range_sigma_um", self.range_sigma_um, 100, 200_000)?;
-        within("survey.measuring.roughness_um", self.roughness_um, 0, 200_000)
+        within("survey.measuring.range_sigma_um", self.range_sigma_um, range::RANGE_SIGMA_UM)?;
+        within("survey.measuring.roughness_um", self.roughness_um, range::ROUGHNESS_UM)
     }
 }
 
@@ -222,14 +262,14 @@ mod tests {
             ("attitude.hold_us", |c, v| c.attitude.hold_us = v as u32, 0, 1_000_000),
             ("survey.limits.min_length_um", |c, v| c.survey.limits.min_length_um = v as i32, 1, 10_000_000),
             ("survey.limits.max_length_um", |c, v| c.survey.limits.max_length_um = v as i32, 1_500_000, 50_000_000),
-            ("survey.limits.obstruction_um", |c, v| c.survey.limits.obstruction_um = v as i32, 25_000, 50_000_000),
+            ("survey.limits.obstruction_um", |c, v| c.survey.limits.obstruction_um = v as i32, 25_000, 262_000),
             ("survey.seed.spacing_um", |c, v| c.survey.seed.spacing_um = v as i32, 50_000, 1_000_000),
             ("survey.seed.inlier_um", |c, v| c.survey.seed.inlier_um = v as i32, 1, 250_000),
-            ("survey.seed.departure_um", |c, v| c.survey.seed.departure_um = v as i32, 25_001, 50_000_000),
+            ("survey.seed.departure_um", |c, v| c.survey.seed.departure_um = v as i32, 25_001, 4_194_000),
             ("survey.seed.departure_points", |c, v| c.survey.seed.departure_points = v as u8, 1, 100),
             ("survey.seed.onset_um", |c, v| c.survey.seed.onset_um = v as i32, 0, 49_999),
-            ("survey.measuring.range_sigma_um", |c, v| c.survey.measuring.range_sigma_um = v as i32, 100, 200_000),
-            ("survey.measuring.roughness_um", |c, v| c.survey.measuring.roughness_um = v as i32, 0, 200_000),
+            ("survey.measuring.range_sigma_um", |c, v| c.survey.measuring.range_sigma_um = v as i32, 100, 60_000),
+            ("survey.measuring.roughness_um", |c, v| c.survey.measuring.roughness_um = v as i32, 0, 32_700),
             (
                 "scanner.mounting_offset",
                 |c, v| c.scanner.mounting_offset = Angle::from_microdegrees(v as i32),

@@ -8,7 +8,7 @@ use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_time::Timer;
 
-/// Without food for this long the board restarts: several times the longest work there is.
+/// Without food for this long the board restarts: four times what a scan takes by the paper's search at its closest spacing.
 const TIMEOUT_US: u32 = 2_000_000;
 
 /// Feeding interval.
