@@ -6,7 +6,7 @@
 
 use std::collections::VecDeque;
 
-use crossfall_core::instrument::{Event, Identity, Instrument, Line};
+use crossfall_core::instrument::{Event, FIRMWARE, Identity, Instrument, Line};
 use crossfall_core::protocol::frame::{MAX_MESSAGE_FRAME, Sequencer};
 use crossfall_core::protocol::message::{Message, Status};
 use crossfall_core::protocol::ranges::MAX_CODE;
@@ -55,7 +55,7 @@ pub struct Summary {
 /// Who the core says it is when it runs in process.
 #[must_use]
 pub fn identity() -> Identity {
-    Identity { firmware: concat!("crossfall ", env!("CARGO_PKG_VERSION")), board: "in process", ..Identity::default() }
+    Identity { firmware: FIRMWARE, board: "in process", ..Identity::default() }
 }
 
 /// Runs the whole capture. `progress` is told the device time reached, in nanoseconds.

@@ -13,6 +13,7 @@ mod times;
 
 use std::path::{Path, PathBuf};
 
+use crossfall_core::instrument::FIRMWARE;
 use crossfall_core::protocol::frame::Gap;
 use crossfall_core::protocol::message::Message;
 use crossfall_core::protocol::{Config, schema};
@@ -95,8 +96,13 @@ pub fn verify_all(first: &Path, others: &[PathBuf], mut progress: impl FnMut(usi
     let mut report = Report::default();
     std::thread::scope(|scope| {
         let mut replay = Beside::start(scope);
-        read(&mut stream, &mut replay, known.as_ref(), &name, &mut progress, &mut report);
+        let stranger = read(&mut stream, &mut replay, known.as_ref(), &name, &mut progress, &mut report);
         let (told, verdict) = replay.finish();
+        if let Some((place, firmware)) = stranger.filter(|_| told.count > 0) {
+            let what =
+                format!("made by {firmware:?}, this is {FIRMWARE:?}: profiles of another survey need not recompute");
+            report.note(name(place.file), place, what);
+        }
         report.join(told, &name);
         let Verdict { reproduced, unverifiable, joined } = verdict;
         (report.profiles_reproduced, report.profiles_unverifiable) = (reproduced, unverifiable);
@@ -105,7 +111,8 @@ pub fn verify_all(first: &Path, others: &[PathBuf], mut progress: impl FnMut(usi
     Ok(report)
 }
 
-/// Reads the whole stream: what is wrong with its frames and times goes to the report, all else to the second survey.
+/// Reads the whole stream: what is wrong with its frames and times goes to the report, all else to the second survey. Returns the first firmware of
+/// another build, if there is one.
 fn read(
     stream: &mut Stream,
     replay: &mut Beside<'_>,
@@ -113,7 +120,8 @@ fn read(
     name: &impl Fn(usize) -> Option<PathBuf>,
     progress: &mut impl FnMut(usize, u64),
     report: &mut Report,
-) {
+) -> Option<(Place, String)> {
+    let mut stranger = None;
     let mut times = Times::default();
     let mut unknown_schema = false;
     let mut beginning = true;
@@ -155,6 +163,9 @@ fn read(
                 match message {
                     Message::Hello(hello) => {
                         report.boots += u64::from(report.boots == 0 || gap == Gap::Restarted);
+                        if hello.firmware != FIRMWARE {
+                            stranger.get_or_insert_with(|| (place, hello.firmware.to_owned()));
+                        }
                         unknown_schema = hello.schema != schema::HASH;
                         if unknown_schema {
                             let (theirs, ours) = (hello.schema, schema::HASH);
@@ -181,6 +192,7 @@ fn read(
     if report.frames == 0 {
         report.note(name(last.file), last, "the log holds no frame".to_owned());
     }
+    stranger
 }
 
 impl Report {

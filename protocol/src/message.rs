@@ -99,6 +99,19 @@ pub struct ScanMode {
     pub measuring: u8,
 }
 
+impl ScanMode {
+    /// Bits of a value that are the range, by the measuring mode of an LMS 2xx (telegram listing, command B0h); those above are flags. An unknown mode
+    /// is read as the usual one, 06h.
+    #[must_use]
+    pub const fn value_bits(self) -> u32 {
+        match self.measuring {
+            0..=2 => 13,
+            3 | 4 => 14,
+            _ => 15,
+        }
+    }
+}
+
 /// One pose. Angles by SPAN's signs: roll positive = right side down, pitch positive = nose up, azimuth clockwise from north.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Pose {

@@ -149,6 +149,12 @@ fn inspvax_takes_its_time_from_the_header_and_tells_its_deviations() {
         assert_eq!(detail.extended_status, 0x40);
     });
     assert_eq!(bad, 0);
+    // A deviation that is no number costs the deviations, not the pose.
+    body[84..88].copy_from_slice(&f32::NAN.to_le_bytes());
+    let bad = only(&long(id::INSPVAX, 28, 0, &body), |event| {
+        assert!(matches!(&event.log, Log::Solution(solution, None) if solution.fix.is_some()), "{event:?}");
+    });
+    assert_eq!(bad, 1);
 }
 
 #[test]

@@ -48,12 +48,7 @@ impl Geometry {
             step @ (25 | 100) => step,
             _ => 50,
         };
-        let width = match mode.measuring {
-            0..=2 => 13,
-            3 | 4 => 14,
-            _ => 15,
-        };
-        Self { step_cdeg: u16::from(step_cdeg), interlaced: step_cdeg == 50, width }
+        Self { step_cdeg: u16::from(step_cdeg), interlaced: step_cdeg == 50, width: mode.value_bits() }
     }
 
     fn mask(self) -> u16 {

@@ -33,7 +33,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m_rt::entry;
-use crossfall_core::instrument::{Decode, Identity, Survey};
+use crossfall_core::instrument::{Decode, FIRMWARE, Identity, Survey};
 use crossfall_firmware::acquisition::{Acquisition, Shared};
 use crossfall_firmware::lights::Lights;
 use crossfall_firmware::outbox::{Outbox, Queue};
@@ -63,8 +63,7 @@ const LINK_BAUD: u32 = 1_000_000;
 /// Growth of the used stack that is worth telling, in bytes.
 const STACK_STEP: usize = 256;
 
-/// What identifies this firmware and this board in the hello.
-const FIRMWARE: &str = concat!("crossfall ", env!("CARGO_PKG_VERSION"));
+/// What identifies this board in the hello.
 const BOARD: &str = "olimex-stm32-h405";
 
 /// Rings of 10 ms at 500 kbaud, 22 ms at 115,200 baud and 2.5 ms of commands; readers come every millisecond and hold 64 bytes meanwhile.

@@ -95,12 +95,11 @@ type Window = (u16, u16, u16);
 /// channel error, beyond maximum), and zero is none. A scanner of one turn has 16, and its special values at the bottom (no echo 0, dazzle 1,
 /// implausible 2, up to 15 for filters), below the 0.5 m that it sees.
 fn window(scan: &RawScan) -> Window {
-    match scan.mode.measuring {
-        0..=2 => (0x1fff, 1, 0x1fff - 8),
-        3 | 4 => (0x3fff, 1, 0x3fff - 8),
-        _ if scan.one_turn_us().is_some() => (0xffff, 16, 0xffff),
-        _ => (0x7fff, 1, 0x7fff - 8),
+    if scan.one_turn_us().is_some() {
+        return (0xffff, 16, 0xffff);
     }
+    let mask = ((1u32 << scan.mode.value_bits()) - 1) as u16;
+    (mask, 1, mask - 8)
 }
 
 /// The range in a value, in units of the scan, or nothing for a special value.

@@ -12,6 +12,8 @@
 //!
 //! The assignment in modes 03h to 06h follows the listing's order; the recordings exercise 00h and 04h only.
 
+use crossfall_protocol::message::ScanMode;
+
 use crate::scan::RawScan;
 
 /// A value that is not a range.
@@ -36,7 +38,7 @@ pub enum Special {
 /// A range or why there is none.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Measure {
-    /// A range in micrometres, 0 to 81.83 m.
+    /// A range in micrometres, 0 to 81.83 m. A survey takes 0 for none.
     Range(i32),
     /// A special value.
     Special(Special),
@@ -82,19 +84,15 @@ const SPECIALS: u16 = 8;
 impl Reader {
     /// A reader for a measuring mode (an unknown one reads as 06h, 15 bits) and a unit of 1,000 or 10,000 micrometres.
     #[must_use]
-    pub fn new(measuring_mode: u8, unit_um: i32) -> Self {
-        let top = match measuring_mode {
-            0x00..=0x02 => (1 << 13) - 1,
-            0x03 | 0x04 => (1 << 14) - 1,
-            _ => (1 << 15) - 1,
-        };
-        Self { top, unit_um, mode: measuring_mode }
+    pub fn new(mode: ScanMode, unit_um: i32) -> Self {
+        let top = ((1u32 << mode.value_bits()) - 1) as u16;
+        Self { top, unit_um, mode: mode.measuring }
     }
 
     /// The reader of a scan.
     #[must_use]
     pub fn of(scan: &RawScan) -> Self {
-        Self::new(scan.mode.measuring, scan.unit_um())
+        Self::new(scan.mode, scan.unit_um())
     }
 
     /// The range in micrometres, none for a special value.
@@ -151,6 +149,10 @@ impl Reader {
 mod tests {
     use super::*;
 
+    fn reader(measuring: u8, unit_um: i32) -> Reader {
+        Reader::new(ScanMode { span_deg: 180, step_cdeg: 50, measuring }, unit_um)
+    }
+
     #[test]
     fn every_special_value_of_the_listing_by_its_meaning() {
         let listing = [
@@ -163,9 +165,9 @@ mod tests {
         ];
         for (values, special) in listing {
             for (mode, width) in [(0, 0), (1, 0), (2, 0), (3, 1), (4, 1), (5, 2), (6, 2)] {
-                let above = !Reader::new(mode, 1_000).top;
+                let above = !reader(mode, 1_000).top;
                 for value in [values[width], values[width] | above] {
-                    assert_eq!(Reader::new(mode, 1_000).measure(value), Measure::Special(special), "{mode} {value}");
+                    assert_eq!(reader(mode, 1_000).measure(value), Measure::Special(special), "{mode} {value}");
                 }
             }
         }
@@ -176,7 +178,7 @@ mod tests {
         for (mode, bits) in [(0u8, 13u32), (1, 13), (2, 13), (3, 14), (4, 14), (5, 15), (6, 15)] {
             for (unit_um, value) in [1_000, 10_000].into_iter().flat_map(|u| (0..=u16::MAX).map(move |v| (u, v))) {
                 let plain = u32::from(value) % (1 << bits);
-                let reading = Reader::new(mode, unit_um).read(value);
+                let reading = reader(mode, unit_um).read(value);
                 match reading.measure {
                     Measure::Range(um) => {
                         assert!(plain < (1 << bits) - 9);
@@ -204,7 +206,7 @@ mod tests {
             (6, 0x8000, Fields { a: true, ..none }),
             (6, 0x7fff, none),
         ] {
-            assert_eq!(Reader::new(mode, 1_000).fields(value), fields, "{mode} {value:04x}");
+            assert_eq!(reader(mode, 1_000).fields(value), fields, "{mode} {value:04x}");
         }
     }
 }

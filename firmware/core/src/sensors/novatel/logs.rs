@@ -339,8 +339,15 @@ impl<'a> Fields<'_> {
     fn inspvax(&self, header: &Header) -> Result<Checked<'a>, &'static str> {
         let time = header.gps_time().ok_or("time")?;
         let (solution, bad) = self.solution(header.arrival, time, 60, 0, Some(self.fix(8, 36)))?;
+        let detail = self.inspvax_detail();
+        let bad = bad + u32::from(detail.is_err());
+        Ok((Log::Solution(solution, detail.ok()), bad))
+    }
+
+    /// What is told beside the pose; a field of it that cannot be true costs this and is counted, the pose stands.
+    fn inspvax_detail(&self) -> Result<InspvaxDetail, &'static str> {
         let sigma = |at| self.f32(at, "attitude deviation", Number::degrees);
-        let detail = InspvaxDetail {
+        Ok(InspvaxDetail {
             position_type: self.u32(4)?,
             undulation_mm: self.f32(32, "undulation", |n| n.scaled_i32(1_000))?,
             position_sigma_mm: self.sigmas(84, "position deviation")?,
@@ -348,8 +355,7 @@ impl<'a> Fields<'_> {
             attitude_sigma: [sigma(108)?, sigma(112)?, sigma(116)?],
             extended_status: self.u32(120)?,
             update_age_s: self.bytes(124).map(u16::from_le_bytes)?,
-        };
-        Ok((Log::Solution(solution, Some(detail)), bad))
+        })
     }
 
     fn rawimu(&self) -> Result<Checked<'a>, &'static str> {

@@ -1,5 +1,5 @@
-//! A recording that begins while the board has been surveying for a while, as most do: nothing was lost, so it verifies; only profiles whose
-//! inputs came before it are beyond proof.
+//! Recordings that differ from what `run` makes. One begins while the board has been surveying for a while, as most do: nothing was lost, so it
+//! verifies; only profiles whose inputs came before it are beyond proof. One comes of another build's survey: `verify` says that.
 
 use std::path::Path;
 
@@ -7,7 +7,9 @@ use crossfall::simulate::scene::Scene;
 use crossfall::{capture, log, run, simulate, verify};
 use crossfall_core::attitude::HISTORY;
 use crossfall_core::instrument::WAITING;
-use crossfall_core::protocol::Config;
+use crossfall_core::protocol::frame::{Event, HostDecoder, MAX_MESSAGE_FRAME};
+use crossfall_core::protocol::message::{Hello, Message, Profile};
+use crossfall_core::protocol::{Angle, Config};
 
 /// A log of a 40 s drive.
 fn whole(folder: &Path) -> Vec<log::Frame> {
@@ -49,4 +51,35 @@ fn a_recording_that_begins_in_the_middle_verifies() {
         let most = HISTORY.div_ceil(2) + 2 * WAITING;
         assert!(report.profiles_unverifiable as usize <= most, "{} unverifiable", report.profiles_unverifiable);
     }
+}
+
+#[test]
+fn a_log_of_another_survey_says_why_it_does_not_recompute() {
+    let scratch = tempfile::tempdir().expect("a scratch folder");
+    let path = scratch.path().join("other.log.mcap");
+    let mut writer = log::Writer::create(&path).expect("a log");
+    for frame in whole(scratch.path()) {
+        // The firmware of another build, and profiles that differ.
+        let mut bytes = frame.bytes.clone();
+        let mut rest = &*frame.bytes;
+        if let Some(Event::Frame(heard)) = HostDecoder::new().next(&mut rest) {
+            let changed = match heard.body {
+                Message::Hello(hello) => Message::Hello(Hello { firmware: "crossfall 0.1.0 survey 0", ..hello }),
+                Message::Profile(profile) => Message::Profile(Profile { roll: Angle(profile.roll.0 ^ 1), ..profile }),
+                other => other,
+            };
+            bytes = vec![0; MAX_MESSAGE_FRAME];
+            let length = changed.encode(heard.sequence, &mut bytes).expect("room");
+            bytes.truncate(length);
+        }
+        writer.frame(frame.receive_ns, &bytes).expect("room on the disk");
+    }
+    writer.finish().expect("a log");
+    let report = verify::verify(&path, |_| ()).expect("a readable log");
+    assert!(!report.ok && report.profiles_reproduced == 0);
+    assert!(
+        report.problems[0].what.starts_with("made by \"crossfall 0.1.0 survey 0\", this is \""),
+        "{:?}",
+        report.problems[0]
+    );
 }
