@@ -180,3 +180,32 @@ fn a_scanner_that_restarts_is_set_up_again() {
     board.lidar.send(&telegrams).expect("a running board");
     assert!(board.link.wait_for(at + 3, Duration::from_secs(30), scan).is_some(), "scans again");
 }
+
+#[test]
+fn a_changed_measuring_mode_reaches_the_scanner() {
+    let (mut board, mut scanner) = board::running_board();
+    assert_eq!(scanner.configuration[5], 6, "the defaults");
+    let scratch = tempfile::tempdir().expect("a scratch folder");
+    let (drive, _) = board::simulated_drive(scratch.path(), 12.0);
+    let begin = drive.first().expect("a drive").device_time_ns;
+    let mut steps: Vec<Step<'_>> = drive.into_iter().map(Step::Bytes).collect();
+    steps.push(Step::Do(
+        begin + 2 * SECOND_NS,
+        Box::new(|board, _| {
+            let mut config = Config::default();
+            config.scanner.measuring_mode = 4;
+            board.command(&Command::Configure(config)).map(|_| ())
+        }),
+    ));
+    steps.sort_by_key(Step::device_time_ns);
+    board.play(&mut scanner, steps, |_| ()).expect("a running board");
+    assert_eq!(scanner.configuration[5], 4, "the bring-up got as far as {:x?}", scanner.understood);
+    let modes = board.link.collect(|message| match message {
+        Message::Scan(scan) => Some(scan.mode.measuring),
+        _ => None,
+    });
+    // Told by the scanner in either case: no scan is read by a mode that it has not yet been given.
+    let changed = modes.iter().position(|mode| *mode == 4).expect("scans by the new mode");
+    assert!(changed > 20 && modes.len() > changed + 20, "{changed} of {}", modes.len());
+    assert!(modes[..changed].iter().all(|mode| *mode == 6) && modes[changed..].iter().all(|mode| *mode == 4));
+}

@@ -31,6 +31,8 @@ fn every_failure_is_named_in_the_next_hello() {
         let (next, (boot, reason)) = board.link.wait_for(at, PATIENCE, hello).expect("another hello");
         println!("boot {boot}: {reason:?}");
         assert!(reason.starts_with(expected), "{failure:?}: {reason:?}");
+        // The whole of it: file, line and message.
+        assert!(!matches!(failure, Failure::Panic) || reason.ends_with(": provoked by the bench"), "{reason:?}");
         assert_eq!(boot as usize, k + 2);
         at = next;
     }
