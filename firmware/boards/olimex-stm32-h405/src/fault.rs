@@ -141,7 +141,9 @@ fn panic(info: &PanicInfo) -> ! {
 
 /// The end of a source file's path: where somebody's registry lies says nothing, and would leave no room for the message.
 fn source(path: &str) -> &str {
-    path.rmatch_indices('/').nth(2).and_then(|(slash, _)| path.get(slash + 1..)).unwrap_or(path)
+    let slashes = path.bytes().enumerate().filter(|&(_, byte)| byte == b'/').map(|(at, _)| at);
+    let third_last = slashes.clone().count().checked_sub(3).and_then(|k| slashes.clone().nth(k));
+    third_last.and_then(|at| path.get(at + 1..)).unwrap_or(path)
 }
 
 // A fault may come from a stack that has no room left, so the stack starts afresh before anything is called: nothing of
