@@ -4,6 +4,8 @@
 //! asked who it is, and with its hello the log begins; then a new session is started. At its end the session is stopped, and when
 //! its last profiles are in, the log is closed and another session started for the viewers. So every log holds identity, configuration and
 //! clock before its first scan, and every profile in it can be recomputed. A board that does not answer is recorded as it is.
+//!
+//! The disk is watched meanwhile: while there is room to end a recording well, it is ended ([`space`](crate::record::space)).
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -17,6 +19,7 @@ use crossfall_core::protocol::message::{Command, Message, Session};
 use super::commands::Commands;
 use super::session::{Heard, Order};
 use super::state::{Phase, Recording};
+use crate::record::space::{RESERVE, Space, Watch};
 use crate::record::{Summary, Tape};
 use crate::{log, output};
 
@@ -28,6 +31,23 @@ const ANSWER: Duration = Duration::from_secs(2);
 
 /// Longest name of a drive, in bytes.
 const LONGEST_NAME: usize = 80;
+
+/// Where recordings go, and how they are written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Logs {
+    /// The folder.
+    pub folder: PathBuf,
+    /// How files follow each other, and whether they are packed.
+    pub options: log::Options,
+    /// A recording ends when less than this is free on the folder's disk, in bytes.
+    pub min_free: u64,
+}
+
+impl From<&Path> for Logs {
+    fn from(folder: &Path) -> Self {
+        Self { folder: folder.to_path_buf(), options: log::Options::default(), min_free: RESERVE }
+    }
+}
 
 /// What the recorder's thread and the viewers share.
 #[derive(Debug, Default)]
@@ -68,13 +88,15 @@ enum Step {
 /// See the module.
 pub struct LiveTape {
     step: Step,
-    folder: PathBuf,
+    logs: Logs,
+    watch: Watch,
     orders: Receiver<Order>,
     heard: SyncSender<Heard>,
     unheard: Arc<AtomicU64>,
     shared: Arc<Mutex<Shared>>,
     commands: Arc<Commands>,
-    metadata: BTreeMap<String, BTreeMap<String, String>>,
+    /// Who the board is and how it is configured: what every log begins with.
+    described: BTreeMap<String, BTreeMap<String, String>>,
     began: Instant,
     /// Losses of the connection when the recording began.
     lost_before: u64,
@@ -82,7 +104,7 @@ pub struct LiveTape {
 
 impl LiveTape {
     pub fn new(
-        folder: PathBuf,
+        logs: Logs,
         orders: Receiver<Order>,
         heard: SyncSender<Heard>,
         unheard: Arc<AtomicU64>,
@@ -91,13 +113,14 @@ impl LiveTape {
     ) -> Self {
         Self {
             step: Step::Idle,
-            folder,
+            watch: Watch::over_folder(logs.folder.clone(), logs.min_free),
+            logs,
             orders,
             heard,
             unheard,
             shared,
             commands,
-            metadata: BTreeMap::new(),
+            described: BTreeMap::new(),
             began: Instant::now(),
             lost_before: 0,
         }
@@ -141,6 +164,12 @@ impl LiveTape {
             return Err("a recording is under way".into());
         }
         let name = drive_name(name)?;
+        self.watch = Watch::over_folder(self.logs.folder.clone(), self.logs.min_free);
+        if let Some(Space::Full { free }) = self.watch.look(0, 0.0) {
+            let words = full(free);
+            self.share(|shared| shared.disk_error = Some(words.clone()));
+            return Err(words);
+        }
         let (path, log) = self.create(&name)?;
         let file = path.display().to_string();
         self.share(|shared| {
@@ -157,8 +186,8 @@ impl LiveTape {
     fn create(&self, name: &str) -> Result<(PathBuf, log::Writer), String> {
         for number in 1..10_000 {
             let file = if number == 1 { format!("{name}.log.mcap") } else { format!("{name}-{number}.log.mcap") };
-            let path = self.folder.join(file);
-            match log::Writer::create_live(&path) {
+            let path = self.logs.folder.join(file);
+            match log::Writer::create_with(&path, self.logs.options) {
                 Ok(log) => return Ok((path, log)),
                 Err(error) if error.source.kind() == std::io::ErrorKind::AlreadyExists => {}
                 Err(error) => {
@@ -198,7 +227,7 @@ impl LiveTape {
 
     /// The board's hello has come, or will not come: from here on everything is logged.
     fn roll(&mut self, mut log: log::Writer) -> Result<(), output::Error> {
-        for (name, entries) in &self.metadata {
+        for (name, entries) in &self.described {
             log.metadata(name, entries.clone())?;
         }
         self.began = Instant::now();
@@ -217,8 +246,9 @@ impl LiveTape {
             let mut ended = std::mem::take(&mut shared.recording);
             ended.phase = Phase::Idle;
             if let Err(error) = finished {
+                // What went wrong first is the cause, and what follows from it says nothing.
+                shared.disk_error.get_or_insert(error.to_string());
                 ended.error.get_or_insert(error.to_string());
-                shared.disk_error = Some(error.to_string());
             }
             shared.last = Some(ended);
         });
@@ -260,6 +290,20 @@ impl LiveTape {
         }
     }
 
+    /// Ends the recording, whole, while the disk has room for it.
+    fn watch(&mut self) {
+        let Step::Recording { log } = &self.step else { return };
+        let Some(Space::Full { free }) = self.watch.look(log.bytes(), self.began.elapsed().as_secs_f64()) else {
+            return;
+        };
+        self.share(|shared| {
+            shared.disk_error = Some(full(free));
+            shared.recording.error = Some(full(free));
+        });
+        // There is one to end.
+        let _ended = self.end();
+    }
+
     fn roll_or_fail(&mut self, log: log::Writer) {
         if let Err(error) = self.roll(log) {
             self.share(|shared| {
@@ -285,6 +329,11 @@ impl LiveTape {
             _ => {}
         }
     }
+}
+
+/// Why nothing more is recorded.
+fn full(free: u64) -> String {
+    format!("the disk is full: {:.1} MB are left free", free as f64 / 1e6)
 }
 
 /// What the connection has lost.
@@ -319,9 +368,22 @@ impl Tape for LiveTape {
         Ok(())
     }
 
-    fn metadata(&mut self, name: &str, entries: BTreeMap<String, String>) -> Result<(), output::Error> {
-        self.write(|log| log.metadata(name, entries.clone()));
-        self.metadata.insert(name.to_owned(), entries);
+    fn metadata(&mut self, name: &str, mut entries: BTreeMap<String, String>) -> Result<(), output::Error> {
+        match name {
+            log::metadata::IDENTITY | log::metadata::CONFIG => {
+                self.described.insert(name.to_owned(), entries.clone());
+            }
+            // The connection counts its boots, a log those within it.
+            log::metadata::SEGMENT if matches!(self.step, Step::Recording { .. } | Step::Ending { .. }) => {
+                let restarts = self.share(|shared| {
+                    shared.recording.restarts += 1;
+                    shared.recording.restarts
+                });
+                entries.insert("number".to_owned(), (restarts + 1).to_string());
+            }
+            _ => {}
+        }
+        self.write(|log| log.metadata(name, entries));
         Ok(())
     }
 
@@ -340,6 +402,7 @@ impl Tape for LiveTape {
             self.obey(order);
         }
         self.due();
+        self.watch();
         self.write(|log| log.settle(now_ns));
         if matches!(self.step, Step::Recording { .. }) {
             let seconds = self.began.elapsed().as_secs_f64();
