@@ -106,3 +106,84 @@ impl Gatherer {
         drive
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crossfall_core::protocol::Angle;
+
+    fn scan(ms: u64) -> RawScan {
+        RawScan { stx: DeviceTime(ms * 1_000), ..RawScan::EMPTY }
+    }
+
+    fn pose(ms: u64) -> Pose {
+        Pose {
+            time: DeviceTime(ms * 1_000),
+            latency_us: 0,
+            timed_by_pulse: true,
+            gps_week: 0,
+            gps_us: 0,
+            roll: Angle::ZERO,
+            pitch: Angle::ZERO,
+            azimuth: Angle::ZERO,
+            fix: None,
+            status: 3,
+        }
+    }
+
+    /// Poses every 10 ms, scans every 100 ms of these times.
+    fn gather(gatherer: &mut Gatherer, scans: impl Fn(u64) -> bool, ms: std::ops::Range<u64>) {
+        for now in ms.step_by(10) {
+            gatherer.pose(&pose(now));
+            if now.is_multiple_of(100) && scans(now) {
+                gatherer.scan(&scan(now));
+            }
+        }
+    }
+
+    fn times(drive: &Drive) -> (u64, u64) {
+        let at = |pose: Option<&Pose>| pose.unwrap().time.0 / 1_000;
+        (at(drive.poses.first()), at(drive.poses.last()))
+    }
+
+    #[test]
+    fn poses_far_from_every_scan_are_let_go() {
+        let mut gatherer = Gatherer::new(Config::default(), 1_000);
+        // The scanner speaks from 60 s on, is silent from 70 to 90 s, and ends at 100 s.
+        gather(&mut gatherer, |ms| (60_000..70_000).contains(&ms) || (90_000..100_000).contains(&ms), 0..200_000);
+        assert!(gatherer.waiting.len() <= 101 && !gatherer.is_full());
+        let drive = gatherer.into_drive();
+        assert_eq!((drive.scans.len(), times(&drive)), (200, (59_000, 100_900)));
+        assert!(drive.poses.iter().all(|pose| !(71_000..89_000).contains(&(pose.time.0 / 1_000))));
+        assert!(drive.poses.is_sorted_by_key(|pose| pose.time) && drive.left_out.is_empty());
+    }
+
+    #[test]
+    fn no_more_is_taken_than_is_used_and_that_is_told() {
+        let mut gatherer = Gatherer::new(Config::default(), 600);
+        gather(&mut gatherer, |_| true, 0..60_500);
+        assert!(!gatherer.is_full(), "poses behind the last scan are wanted still");
+        gather(&mut gatherer, |_| true, 60_500..61_500);
+        assert!(gatherer.is_full());
+        let drive = gatherer.into_drive();
+        assert_eq!((drive.scans.len(), times(&drive)), (600, (0, 60_900)));
+        assert_eq!(drive.left_out, ["only the first 600 scans (1 minutes) were used"]);
+        // As many as are wanted, and no more came: nothing is left out.
+        let mut gatherer = Gatherer::new(Config::default(), 600);
+        gather(&mut gatherer, |ms| ms < 60_000, 0..70_000);
+        assert!(!gatherer.is_full() && gatherer.into_drive().left_out.is_empty());
+    }
+
+    #[test]
+    fn a_boot_begins_anew_with_the_configuration_so_far() {
+        let mut config = Config::default();
+        config.scanner.delay_us = 7;
+        let mut gatherer = Gatherer::new(Config::default(), 600);
+        gatherer.configure(config);
+        gather(&mut gatherer, |_| true, 0..5_000);
+        assert!(!gatherer.is_behind(DeviceTime(4_500_000)) && gatherer.is_behind(DeviceTime(20_000)));
+        assert_eq!(gatherer.restart().scans.len(), 50);
+        assert!(gatherer.scans() == 0 && !gatherer.is_behind(DeviceTime(0)));
+        assert_eq!(gatherer.into_drive().config, config);
+    }
+}

@@ -1,7 +1,6 @@
 //! How a recording is written: the options that `record`, `serve` and `monitor` share.
 
 use crossfall::log;
-use crossfall::record::space::RESERVE;
 
 /// How a recording is written.
 #[derive(clap::Args)]
@@ -12,9 +11,9 @@ pub struct LogArgs {
     /// Begin another file after so many minutes
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     rotate_minutes: Option<u64>,
-    /// End the recording when less than this is free on the disk [default: 64MiB]
-    #[arg(long, value_name = "SIZE", value_parser = size)]
-    min_free: Option<u64>,
+    /// End the recording when less than this is free on the disk
+    #[arg(long, value_name = "SIZE", default_value = "64MiB", value_parser = size)]
+    pub min_free: u64,
     /// Pack the log with zstd: a third smaller, but a damaged chunk is lost as a whole
     #[arg(long)]
     compress: bool,
@@ -25,11 +24,6 @@ impl LogArgs {
     pub fn options(&self) -> log::Options {
         let max_ns = self.rotate_minutes.map_or(u64::MAX, |minutes| minutes * 60_000_000_000);
         log::Options { max_bytes: self.rotate_size, max_ns, compress: self.compress }
-    }
-
-    /// Bytes that are to stay free on the disk.
-    pub fn min_free(&self) -> u64 {
-        self.min_free.unwrap_or(RESERVE)
     }
 }
 

@@ -50,7 +50,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     anyhow::ensure!(!args.output.exists(), "{output}: exists, and a recording is never written over");
     let port = args.device.connect().with_context(|| format!("{}: cannot connect", args.device))?;
     let mut log = log::Writer::create_with(&args.output, args.logs.options())?;
-    let mut watch = Watch::new(&args.output, args.logs.min_free());
+    let mut watch = Watch::new(&args.output, args.logs.min_free);
     let mut full = None;
     let progress = Progress::spinner();
     let mut shown = Instant::now();

@@ -51,7 +51,7 @@ impl IntoArgs {
     /// The folder, which is there, and how recordings are written to it.
     pub fn logs(&self) -> anyhow::Result<Logs> {
         anyhow::ensure!(self.into.is_dir(), "{}: not a folder", self.into.display());
-        let (options, min_free) = (self.logs.options(), self.logs.min_free());
+        let (options, min_free) = (self.logs.options(), self.logs.min_free);
         Ok(Logs { folder: self.into.clone(), options, min_free })
     }
 }
