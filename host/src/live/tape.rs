@@ -293,6 +293,7 @@ impl LiveTape {
     /// Ends the recording, whole, while the disk has room for it.
     fn watch(&mut self) {
         let Step::Recording { log } = &self.step else { return };
+        // That the room gets little the disk's lamp shows, hours before.
         let Some(Space::Full { free }) = self.watch.look(log.bytes(), self.began.elapsed().as_secs_f64()) else {
             return;
         };

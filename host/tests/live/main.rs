@@ -339,6 +339,13 @@ fn a_rock_test_finds_offset_and_delay_and_puts_them_in_force() {
     let line = toml.lines().find(|line| line.starts_with("mounting_offset_deg")).unwrap();
     let offset: f64 = line.split(['=', '#']).nth(1).unwrap().trim().parse().unwrap();
     assert!((offset - bench::ROCK_OFFSET_DEG).abs() < 0.1, "{line}");
+    // A test over a jump in time is none.
+    assert_eq!(viewer.ask(json!({ "do": "rock_test", "action": "begin" }))["ok"], true);
+    viewer.until_state(|state| state["rock_test"]["running"] == true);
+    assert_eq!(viewer.ask(json!({ "do": "seek", "seconds": 0.0 }))["ok"], true);
+    assert_eq!(viewer.ask(json!({ "do": "pause", "paused": false }))["ok"], true);
+    let state = viewer.until_state(|state| state["rock_test"]["refusal"].is_string());
+    assert!(state["rock_test"]["refusal"].as_str().unwrap().contains("begin the test again"), "{state}");
 }
 
 /// A rock test over the first half minute of a drive, and what comes of putting its result in force.
