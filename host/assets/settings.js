@@ -9,6 +9,9 @@ const $ = (id) => document.getElementById(id);
 const LINE = /^([a-z_0-9]+) = (\[[^\]]*\]|"[^"]*"|[^#]*?)\s*(?:# (.*))?$/;
 const CHOICES = { method: ['"measuring"', '"seed"'], mirrored: ["false", "true"] };
 
+/** What of an estimate can be put in force, in words; nothing when it tells neither. */
+const known = (estimate) => [estimate?.offset_determined && "offset", estimate?.delay_determined && "delay"].filter(Boolean).join(" and ");
+
 export class Settings {
   constructor(ask) {
     this.ask = ask;
@@ -22,8 +25,9 @@ export class Settings {
       ["rock-cancel", { do: "rock_test", action: "cancel" }],
     ]) $(id).onclick = async () => { const { ok, error } = await ask(request); if (!ok) this.rockSays(error, "wrong"); };
     $("rock-apply").onclick = async () => {
+      const { found } = this;
       const { ok, error } = await ask({ do: "apply_rock_test" });
-      this.rockSays(ok ? "In force: the board has echoed the new offset and delay." : error, ok ? "right" : "wrong");
+      this.rockSays(ok ? `In force: the board has echoed the new ${found}.` : error, ok ? "right" : "wrong");
       if (ok) { this.held = true; this.load(); }
     };
     $("config-apply").onclick = () => this.apply();
@@ -105,7 +109,9 @@ export class Settings {
     $("rock-begin").disabled = Boolean(test?.running || test?.estimating);
     $("rock-end").disabled = !(test?.running && test.scans >= test.enough);
     $("rock-cancel").disabled = !test;
-    $("rock-apply").disabled = !test?.estimate;
+    this.found = known(test?.estimate);
+    $("rock-apply").disabled = !this.found;
+    $("rock-apply").textContent = this.found && this.found !== "offset and delay" ? `Put ${this.found} in force` : "Put in force";
     if (!test) { if (!this.held) this.rockSays(""); this.told = null; return; }
     this.held = false;
     if (test.running) {

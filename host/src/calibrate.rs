@@ -17,6 +17,7 @@
 
 mod drift;
 mod estimate;
+mod gather;
 mod ground;
 mod join;
 mod layers;
@@ -24,8 +25,10 @@ pub(crate) mod statistics;
 
 use std::path::Path;
 
+use crossfall_core::instrument::Event;
 use crossfall_core::protocol::Config;
 use crossfall_core::protocol::config::Scanner;
+use crossfall_core::protocol::frame::Gap;
 use crossfall_core::protocol::message::{Message, Pose};
 use crossfall_core::scan::RawScan;
 use serde::Serialize;
@@ -34,6 +37,7 @@ use crate::container::Error;
 use crate::stream::{Item, Stream};
 
 pub use estimate::estimate;
+pub use gather::Gatherer;
 pub use join::join;
 pub use layers::{Layers, layers};
 
@@ -43,17 +47,19 @@ const MOST_SCANS: usize = 67_500;
 /// Fewest scans that anything is said about: five seconds.
 const LEAST_SCANS: usize = 187;
 
-/// What a log holds for a calibration.
+/// What a log holds for a calibration: of one boot of the board.
 #[derive(Debug, Default)]
 pub struct Drive {
     /// Its scans, in order.
     pub scans: Vec<RawScan>,
-    /// Its poses, in order.
+    /// Its poses near a scan, in order.
     pub poses: Vec<Pose>,
     /// The configuration in force.
     pub config: Config,
     /// Frames, gaps and parts of the file that could not be used.
     pub damage: u64,
+    /// What was good and is not here; for a reader.
+    pub left_out: Vec<String>,
 }
 
 /// What is known of the surface that the vehicle stands or drives on.
@@ -83,6 +89,9 @@ pub struct Estimate {
     pub delay_determined: bool,
     /// Why not, or what the answer rests on; for a reader.
     pub remarks: Vec<String>,
+    /// What of the log the answer does not rest on; among the remarks, too.
+    #[serde(skip)]
+    pub left_out: Vec<String>,
     /// Whether the vehicle stood.
     pub parked: bool,
     /// Scans that were used.
@@ -149,30 +158,74 @@ pub struct Sample {
     pub after_deg: f64,
 }
 
-/// Reads what a calibration needs.
+/// Reads what a calibration needs: of a log in which the board booted again, the longest stretch without it.
 ///
 /// # Errors
 /// When the log cannot be opened.
 pub fn read(path: &Path) -> Result<Drive, Error> {
     let mut stream = Stream::open(path)?;
-    let mut drive = Drive::default();
-    let mut room = RawScan::EMPTY;
-    while let Some((_, item)) = stream.next() {
-        let Item::Message { message, .. } = item else {
-            drive.damage += 1;
+    let mut gatherer = Gatherer::new(Config::default(), MOST_SCANS);
+    let mut stretches = Stretches::default();
+    let (mut room, mut damage) = (RawScan::EMPTY, 0);
+    while !gatherer.is_full()
+        && let Some((_, item)) = stream.next()
+    {
+        let Item::Message { message, gap } = item else {
+            damage += 1;
             continue;
         };
+        // Where the hello that tells of the boot is lost, time tells.
+        let restarted = match (gap, &message) {
+            (Gap::Restarted, _) => true,
+            (_, Message::Scan(scan)) => gatherer.is_behind(scan.stx),
+            (_, Message::Pose(pose)) => gatherer.is_behind(pose.time),
+            _ => false,
+        };
+        if restarted {
+            stretches.add(gatherer.restart());
+        }
+        damage += u64::from(matches!(gap, Gap::Missing(_)));
         match message {
-            Message::Config(config) => drive.config = config,
-            Message::Pose(pose) => drive.poses.push(pose),
-            Message::Scan(_) if drive.scans.len() < MOST_SCANS => {
-                match crossfall_core::instrument::Event::of(&message, &mut room) {
-                    Ok(_) => drive.scans.push(room.clone()),
-                    Err(_) => drive.damage += 1,
-                }
-            }
+            Message::Config(config) => gatherer.configure(config),
+            Message::Pose(pose) => gatherer.pose(&pose),
+            Message::Scan(_) => match Event::of(&message, &mut room) {
+                Ok(_) => gatherer.scan(&room),
+                Err(_) => damage += 1,
+            },
             _ => {}
         }
     }
-    Ok(drive)
+    stretches.add(gatherer.into_drive());
+    Ok(Drive { damage, ..stretches.longest() })
+}
+
+/// The stretches of a log between two boots of the board.
+#[derive(Default)]
+struct Stretches {
+    longest: Drive,
+    /// Those with scans, and their scans.
+    count: u32,
+    scans: usize,
+}
+
+impl Stretches {
+    fn add(&mut self, drive: Drive) {
+        self.count += u32::from(!drive.scans.is_empty());
+        self.scans += drive.scans.len();
+        if drive.scans.len() >= self.longest.scans.len() {
+            self.longest = drive;
+        }
+    }
+
+    fn longest(self) -> Drive {
+        let Self { mut longest, count, scans } = self;
+        if count > 1 {
+            let used = longest.scans.len();
+            let said = "the board booted again within the log";
+            longest
+                .left_out
+                .push(format!("{said}: of {count} stretches only the longest was used, {used} of {scans} scans"));
+        }
+        longest
+    }
 }

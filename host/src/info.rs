@@ -6,11 +6,12 @@ use std::path::Path;
 use crossfall_core::protocol::DeviceTime;
 use crossfall_core::protocol::frame::Gap;
 use crossfall_core::protocol::message::{LineCounters, Message, Status};
-use crossfall_core::sensors::{lms2xx, novatel};
+use crossfall_core::sensors::{Scanner, cola, lms2xx, novatel};
 use serde::Serialize;
 
-use crate::capture::{Channel, Reader};
+use crate::capture::{Channel, Chunk, Reader};
 use crate::container::Error;
+use crate::scanner::{self, Family};
 use crate::stream::{Item, Stream};
 
 /// A file at a glance.
@@ -28,7 +29,7 @@ pub struct Info {
     pub pulses: u64,
     /// Every counter by name: of a capture those of the decoders, of a log those of the board's last status and of the link.
     pub counters: BTreeMap<String, u64>,
-    /// A log's metadata and the board's hello.
+    /// Of a capture the family of its scanner, of a log its metadata and the board's hello.
     pub about: BTreeMap<String, String>,
     /// Damage of the file itself, in words.
     pub damage: Vec<String>,
@@ -56,9 +57,26 @@ pub fn look(path: &Path) -> Result<Info, Error> {
 fn look_at_capture(capture: Reader) -> Result<Info, Error> {
     let (first, last) = capture.span_ns().unwrap_or_default();
     let mut info = Info { kind: "capture", seconds: last.saturating_sub(first) as f64 * 1e-9, ..Info::default() };
-    let mut lidar = lms2xx::Decoder::new(6);
+    let (family, chunks) = scanner::of_chunks(capture);
+    match family {
+        // The mode only says what the ranges mean: every scan is counted.
+        Family::Lms2xx => look_at_chunks(chunks, lms2xx::Decoder::new(6), &mut info)?,
+        Family::Cola => look_at_chunks(chunks, cola::Decoder::default(), &mut info)?,
+    }
+    // The family of a line without a scan is a default, and none's.
+    if info.scans > 0 {
+        info.about.insert("scanner".to_owned(), family.name().to_owned());
+    }
+    Ok(info)
+}
+
+fn look_at_chunks<S: Scanner>(
+    chunks: impl Iterator<Item = Result<Chunk, Error>>,
+    mut lidar: S,
+    info: &mut Info,
+) -> Result<(), Error> {
     let mut ins = novatel::Decoder::new();
-    for chunk in capture {
+    for chunk in chunks {
         match chunk {
             Ok(chunk) => {
                 let at = DeviceTime(chunk.device_time_ns / 1_000);
@@ -82,7 +100,8 @@ fn look_at_capture(capture: Reader) -> Result<Info, Error> {
     line_counters("lidar", &lidar.counters(), &mut info.counters);
     line_counters("ins", &ins.counters(), &mut info.counters);
     info.counters.insert("scans_missing".to_owned(), u64::from(lidar.scans_missing()));
-    Ok(info)
+    info.counters.insert("scans_unreadable".to_owned(), u64::from(lidar.scans_unreadable()));
+    Ok(())
 }
 
 fn look_at_log(mut log: Stream) -> Info {

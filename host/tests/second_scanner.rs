@@ -10,7 +10,7 @@ use crossfall::scanner::Family;
 use crossfall::simulate::scene::{Kind, Scene};
 use crossfall::simulate::{self, truth};
 use crossfall::track::Position;
-use crossfall::{log, run, verify};
+use crossfall::{info, log, run, verify};
 use crossfall_core::instrument::Event;
 use crossfall_core::protocol::Config;
 use crossfall_core::protocol::message::Message;
@@ -71,6 +71,16 @@ fn a_drive_with_an_lms_111_is_measured_as_well_as_one_with_an_lms_291() {
     let mean: f64 = rows.iter().filter(|row| row.left).map(|row| row.roll_deg).sum::<f64>() / 300.0;
     let true_mean = truth.iter().map(|row| row.roll_deg).sum::<f64>() / 300.0;
     assert!((mean - true_mean).abs() < 0.01, "{mean} {true_mean}");
+}
+
+#[test]
+fn a_look_at_its_capture_counts_its_scans() {
+    let folder = tempfile::tempdir().unwrap();
+    let drive = folder.path().join("drive.mcap");
+    capture(&scene(), &drive);
+    let found = info::look(&drive).unwrap();
+    assert_eq!((found.scans, found.counters["lidar.bad_frames"], found.counters["lidar.skipped"]), (300, 0, 0));
+    assert_eq!(found.about["scanner"], Family::Cola.name());
 }
 
 #[test]

@@ -6,6 +6,7 @@ use crossfall::calibrate::{self, Drive, Estimate, Surface};
 use crossfall::simulate::scene::{Oscillation, Scene};
 use crossfall::{capture, config, log, run, simulate};
 use crossfall_core::protocol::Config;
+use crossfall_core::protocol::frame::{Event, HostDecoder, MAX_MESSAGE_FRAME};
 
 const OFFSET_DEG: f64 = 0.8;
 const DELAY_US: f64 = 1_500.0;
@@ -217,4 +218,55 @@ fn poses_that_no_pulse_has_timed_are_refused_their_delay() {
     let (found, _) = calibrate::estimate(&drive, Surface::Assumed).expect("an estimate");
     assert!(!found.delay_determined);
     assert!(found.remarks.iter().any(|remark| remark.contains("no pulses")), "{:?}", found.remarks);
+}
+
+/// Appends the frames of a log to another, as long as it has lasted less than `seconds`, numbered from `first`.
+fn append(from: &Path, seconds: f64, first: u16, to: &mut log::Writer) {
+    let frames: Vec<_> = log::Reader::open(from).expect("a log").map(|frame| frame.expect("a frame")).collect();
+    let end_ns = frames[0].receive_ns + (seconds * 1e9) as u64;
+    let mut sequence = first;
+    for frame in frames.iter().take_while(|frame| frame.receive_ns < end_ns) {
+        let (mut decoder, mut bytes, mut room) = (HostDecoder::new(), frame.bytes.as_slice(), [0; MAX_MESSAGE_FRAME]);
+        let Some(Event::Frame(received)) = decoder.next(&mut bytes) else { panic!("a good frame") };
+        let length = received.body.encode(sequence, &mut room).expect("room for the longest frame");
+        to.frame(frame.receive_ns, &room[..length]).expect("a frame");
+        sequence = sequence.wrapping_add(1);
+    }
+}
+
+#[test]
+fn boots_within_a_log_do_not_mix() {
+    let scratch = tempfile::tempdir().expect("a scratch folder");
+    let whole = logged(&rock_test(1), &Config::default(), scratch.path());
+    let alone = calibrate::estimate(&whole, Surface::Assumed).expect("an estimate").0;
+    let (log, joined) = (scratch.path().join("rock.log.mcap"), scratch.path().join("joined.log.mcap"));
+    // A board that is reset after four seconds, and again at the end; then one that was away and comes back with numbers that pass for frames lost.
+    for (first, damage) in [(0, 0), (20_000, 1)] {
+        let mut writer = log::Writer::create(&joined).expect("a log");
+        append(&log, 4.0, 0, &mut writer);
+        append(&log, f64::INFINITY, first, &mut writer);
+        append(&log, 3.0, 0, &mut writer);
+        writer.finish().expect("a whole log");
+        let drive = calibrate::read(&joined).expect("the log");
+        assert_eq!((drive.scans.len(), drive.damage), (whole.scans.len(), damage));
+        assert!(drive.poses.is_sorted_by_key(|pose| pose.time));
+        let found = calibrate::estimate(&drive, Surface::Assumed).expect("an estimate").0;
+        assert!(found.remarks.iter().any(|remark| remark.contains("of 3 stretches only the longest")), "{found:?}");
+        assert_eq!(
+            (found.roll_offset_deg, found.lidar_delay_us, found.residual_after_deg),
+            (alone.roll_offset_deg, alone.lidar_delay_us, alone.residual_after_deg)
+        );
+    }
+}
+
+#[test]
+fn a_unit_that_logs_its_attitude_alone_does_not_tell_that_the_vehicle_stood() {
+    let scratch = tempfile::tempdir().expect("a scratch folder");
+    let mut drive = logged(&rock_test(1), &Config::default(), scratch.path());
+    drive.poses.iter_mut().for_each(|pose| pose.fix = None);
+    let found = calibrate::estimate(&drive, Surface::Assumed).expect("an estimate").0;
+    assert!(!found.parked && !found.offset_determined && found.delay_determined, "{found:#?}");
+    assert!(found.remarks[0].contains("no pose has a velocity"), "{:?}", found.remarks);
+    // Who knows the surface has the offset.
+    assert!(calibrate::estimate(&drive, Surface::Known(0.0)).expect("an estimate").0.offset_determined);
 }

@@ -2,7 +2,7 @@
 
 use crossfall_core::protocol::message::{Pose, flags};
 
-use super::ground::Ground;
+use super::ground::{Ground, Residual};
 use super::statistics::HighPass;
 use super::{Drive, Estimate, LEAST_SCANS, Refusal, Sample, Surface, drift, statistics};
 use crate::profiles::degrees;
@@ -27,7 +27,8 @@ const PARKED_M_S: f64 = 0.1;
 /// # Errors
 /// [`Refusal::TooFew`] when there is too little to say anything.
 pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample>), Refusal> {
-    let parked = is_parked(&drive.poses);
+    let stood = is_parked(&drive.poses);
+    let parked = stood == Some(true);
     let ground = if parked { Ground::parked(drive) } else { Ground::new(drive) };
     let start_us = f64::from(drive.config.scanner.delay_us);
     let before = ground.residuals(start_us);
@@ -73,11 +74,13 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
                         direction would make sure";
             (0.0, 0.0, said.to_owned())
         }
-        Surface::Assumed => (
-            0.0,
-            ROAD_PRIOR_DEG,
-            format!("the road's mean cross slope is not known: +/-{ROAD_PRIOR_DEG} degrees are allowed for it"),
-        ),
+        Surface::Assumed => {
+            let why = if stood.is_none() { "no pose has a velocity, so the vehicle may have driven: " } else { "" };
+            let said = format!(
+                "{why}the road's mean cross slope is not known: +/-{ROAD_PRIOR_DEG} degrees are allowed for it"
+            );
+            (0.0, ROAD_PRIOR_DEG, said)
+        }
     };
     let old_offset_deg = degrees(drive.config.scanner.mounting_offset);
     let offset_deg = old_offset_deg + true_slope - level.mean_deg;
@@ -91,7 +94,7 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
                 .to_owned(),
         );
     } else if !delay_determined {
-        remarks.push(too_uncertain(&fit, rate, after.len()));
+        remarks.push(too_uncertain(&fit, rate, &after));
     }
     let offset_determined = offset_se_deg <= MAX_OFFSET_SE_DEG;
     if !offset_determined {
@@ -100,9 +103,11 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
              the cross slope"
         ));
     }
+    let mut left_out = drive.left_out.clone();
     if drive.damage > 0 {
-        remarks.push(format!("{} damaged parts of the log were left out", drive.damage));
+        left_out.push(format!("{} parts of the log are damaged or missing", drive.damage));
     }
+    remarks.extend(left_out.iter().cloned());
     let residual_after_deg = statistics::deviation(after.iter().map(|point| point.slope_deg));
     let residual_ranges_deg = statistics::rms(after.iter().map(|point| point.se_deg));
     let estimate = Estimate {
@@ -113,6 +118,7 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
         lidar_delay_se_us: fit.slope_se,
         delay_determined,
         remarks,
+        left_out,
         parked,
         scans: after.len(),
         roll_rate_rms_deg_s: rate,
@@ -127,8 +133,8 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
 }
 
 /// Why the delay is refused, and what would tell it.
-fn too_uncertain(fit: &statistics::Regression, rate_deg_s: f64, scans: usize) -> String {
-    let minutes = scans as f64 * SCAN_S / 60.0;
+fn too_uncertain(fit: &statistics::Regression, rate_deg_s: f64, points: &[Residual]) -> String {
+    let minutes = points.len() as f64 / statistics::scans_in(points, 60.0).max(1) as f64;
     let times = (fit.slope_se / MAX_DELAY_SE_US).powi(2);
     let longer = if times.is_finite() && times * minutes < 120.0 {
         format!(", or drive like this for {:.0} minutes", (times * minutes).ceil().max(1.0))
@@ -142,16 +148,15 @@ fn too_uncertain(fit: &statistics::Regression, rate_deg_s: f64, scans: usize) ->
     )
 }
 
-/// From one scan to the next, in seconds.
-const SCAN_S: f64 = 0.026_64;
-
-/// Whether the vehicle stood all the time, as far as its poses tell.
-fn is_parked(poses: &[Pose]) -> bool {
-    let speeds = poses.iter().filter_map(|pose| pose.fix).map(|fix| {
+/// Whether the vehicle stood all the time; nothing when no pose tells, as of a unit that logs its attitude alone.
+fn is_parked(poses: &[Pose]) -> Option<bool> {
+    let mut speeds = poses.iter().filter_map(|pose| pose.fix).peekable();
+    speeds.peek()?;
+    let speeds = speeds.map(|fix| {
         let [north, east, _] = fix.velocity_mm_s.map(|mm| f64::from(mm) * 1e-3);
         north.hypot(east)
     });
-    statistics::rms(speeds) < PARKED_M_S
+    Some(statistics::rms(speeds) < PARKED_M_S)
 }
 
 /// Mean direction, as that of the sum of unit vectors.

@@ -45,7 +45,7 @@ pub fn join(mut estimates: Vec<Estimate>, old_offset_deg: f64) -> Option<Estimat
     for other in &estimates {
         joined.scans += other.scans;
         joined.offset_determined &= other.offset_determined;
-        joined.remarks.extend(other.remarks.iter().filter(|remark| remark.contains("damaged")).cloned());
+        joined.remarks.extend(other.left_out.iter().cloned());
     }
     joined.remarks[0] = if turned >= LEAST_TURN_DEG {
         let [north, east] = tilt;

@@ -59,7 +59,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         damage += drive.damage;
         anyhow::ensure!(
             args.logs.len() == 1 || found.parked,
-            "{}: the vehicle drove; only rock tests can be joined",
+            "{}: nothing tells that the vehicle stood; only rock tests can be joined",
             path.display()
         );
         estimates.push(found);

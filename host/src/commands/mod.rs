@@ -9,6 +9,7 @@ mod demo;
 mod export;
 mod import;
 mod info;
+mod log_args;
 mod messages;
 mod monitor;
 mod plot;

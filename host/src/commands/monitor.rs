@@ -2,13 +2,12 @@
 //!
 //! The lamps, the section and the figures of `crossfall serve`, without a browser. Ctrl-C or q ends it, and a recording with it, whole.
 
-use std::path::PathBuf;
 use std::time::Duration;
 
 use crossfall::monitor::draw;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
 
-use super::serve::SourceArgs;
+use super::serve::{IntoArgs, SourceArgs};
 use super::{Outcome, tell};
 
 /// How often the picture changes.
@@ -25,14 +24,12 @@ Keys: r records or stops, m drops a marker, space halts a replay, q ends.")]
 pub struct Args {
     #[command(flatten)]
     source: SourceArgs,
-    /// Folder for recordings
-    #[arg(long, value_name = "FOLDER", default_value = ".")]
-    into: PathBuf,
+    #[command(flatten)]
+    into: IntoArgs,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    anyhow::ensure!(args.into.is_dir(), "{}: not a folder", args.into.display());
-    let live = args.source.start(&args.into)?;
+    let live = args.source.start(args.into.logs()?)?;
     let mut terminal = ratatui::try_init()?;
     let shown = (|| -> anyhow::Result<()> {
         while !crossfall::interrupt::requested() {
@@ -75,8 +72,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         last.profiles,
         last.lost
     );
+    if last.restarts > 0 {
+        tell!("restarts of the board: {}; what it had not sent before is not known", last.restarts);
+    }
     if let Some(error) = &last.error {
         tell!("the recording ended early: {error}");
     }
-    Ok(Outcome::lost_if(last.error.is_some() || last.lost > 0))
+    Ok(Outcome::lost_if(!last.is_whole()))
 }

@@ -14,6 +14,7 @@ use crossfall::log;
 use crossfall::record::space::{Space, Watch};
 use crossfall::record::{self, Device, Summary};
 
+use super::log_args::LogArgs;
 use super::progress::Progress;
 use super::{Outcome, tell};
 
@@ -39,18 +40,8 @@ pub struct Args {
     /// Stop after so many seconds
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     seconds: Option<u64>,
-    /// Begin another file when one has this size (500MB, 2GiB)
-    #[arg(long, value_name = "SIZE", default_value = "2GiB", value_parser = size)]
-    rotate_size: u64,
-    /// Begin another file after so many minutes
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
-    rotate_minutes: Option<u64>,
-    /// End the recording when less than this is free on the disk
-    #[arg(long, value_name = "SIZE", default_value = "64MiB", value_parser = size)]
-    min_free: u64,
-    /// Pack the log with zstd: a third smaller, but a damaged chunk is lost as a whole
-    #[arg(long)]
-    compress: bool,
+    #[command(flatten)]
+    logs: LogArgs,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
@@ -58,10 +49,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     // Before the board is disturbed; `create_live` makes sure of it.
     anyhow::ensure!(!args.output.exists(), "{output}: exists, and a recording is never written over");
     let port = args.device.connect().with_context(|| format!("{}: cannot connect", args.device))?;
-    let max_ns = args.rotate_minutes.map_or(u64::MAX, |minutes| minutes * 60_000_000_000);
-    let options = log::Options { max_bytes: args.rotate_size, max_ns, compress: args.compress };
-    let mut log = log::Writer::create_with(&args.output, options)?;
-    let mut watch = Watch::new(&args.output, args.min_free);
+    let mut log = log::Writer::create_with(&args.output, args.logs.options())?;
+    let mut watch = Watch::new(&args.output, args.logs.min_free);
     let mut full = None;
     let progress = Progress::spinner();
     let mut shown = Instant::now();
@@ -129,24 +118,6 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         tell!("lost on the board since it booted: {name} = {count}");
     }
     Ok(Outcome::lost_if(recorded.lost() || full.is_some()))
-}
-
-/// `500MB`, `2GiB`, `1000000`.
-fn size(text: &str) -> Result<u64, String> {
-    let digits = text.find(|c: char| !c.is_ascii_digit()).unwrap_or(text.len());
-    let (number, unit) = text.split_at(digits);
-    let unit: u64 = match unit {
-        "" | "B" => 1,
-        "kB" => 1_000,
-        "MB" => 1_000_000,
-        "GB" => 1_000_000_000,
-        "KiB" => 1 << 10,
-        "MiB" => 1 << 20,
-        "GiB" => 1 << 30,
-        _ => return Err("expected a whole number with B, kB, MB, GB, KiB, MiB or GiB".to_owned()),
-    };
-    let size = number.parse::<u64>().ok().and_then(|number| number.checked_mul(unit));
-    size.ok_or_else(|| "expected a whole number with B, kB, MB, GB, KiB, MiB or GiB".to_owned())
 }
 
 /// A recording in one line.

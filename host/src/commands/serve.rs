@@ -9,10 +9,11 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::Context;
-use crossfall::live::{Live, Source};
+use crossfall::live::{Live, Logs, Source};
 use crossfall::record::Device;
 use crossfall::serve::{Access, is_token, random_token, serve};
 
+use super::log_args::LogArgs;
 use super::{Outcome, tell};
 
 /// Show a drive live in the browser and control the board
@@ -32,9 +33,27 @@ pub struct Args {
     /// The token, at least 16 letters and digits; a random one unless told
     #[arg(long, value_name = "TOKEN")]
     token: Option<String>,
+    #[command(flatten)]
+    into: IntoArgs,
+}
+
+/// Where recordings go.
+#[derive(clap::Args)]
+pub struct IntoArgs {
     /// Folder for recordings
     #[arg(long, value_name = "FOLDER", default_value = ".")]
     into: PathBuf,
+    #[command(flatten)]
+    logs: LogArgs,
+}
+
+impl IntoArgs {
+    /// The folder, which is there, and how recordings are written to it.
+    pub fn logs(&self) -> anyhow::Result<Logs> {
+        anyhow::ensure!(self.into.is_dir(), "{}: not a folder", self.into.display());
+        let (options, min_free) = (self.logs.options(), self.logs.min_free);
+        Ok(Logs { folder: self.into.clone(), options, min_free })
+    }
 }
 
 /// Where frames come from.
@@ -57,14 +76,14 @@ pub struct SourceArgs {
 
 impl SourceArgs {
     /// Begins to look.
-    pub fn start(&self, folder: &std::path::Path) -> anyhow::Result<Live> {
+    pub fn start(&self, logs: Logs) -> anyhow::Result<Live> {
         let source = match (&self.device, &self.file) {
             (Some(device), _) => Source::Device(device.clone()),
             (None, Some(file)) => Source::File(file.clone()),
             (None, None) => anyhow::bail!("neither a file nor a device"),
         };
         let config = self.config.as_deref().map(crossfall::config::read).transpose()?;
-        Ok(Live::start(&source, folder, self.speed, config)?)
+        Ok(Live::start(&source, logs, self.speed, config)?)
     }
 }
 
@@ -77,7 +96,7 @@ fn speed(text: &str) -> Result<f64, String> {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    anyhow::ensure!(args.into.is_dir(), "{}: not a folder", args.into.display());
+    let logs = args.into.logs()?;
     if let Some(token) = &args.token {
         anyhow::ensure!(is_token(token), "a token has at least 16 letters and digits");
     }
@@ -86,7 +105,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         (None, true) => None,
         (None, false) => Some(random_token().context("cannot make a token")?),
     };
-    let live = Arc::new(args.source.start(&args.into)?);
+    let live = Arc::new(args.source.start(logs)?);
     let access = token.clone().map_or(Access::ThisComputer, Access::Token);
     let ready = |address: SocketAddr| match &token {
         None => tell!("open http://{address}/ (Ctrl-C ends)"),
@@ -96,5 +115,5 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     live.finish();
     served.with_context(|| format!("cannot serve on {}", args.listen))?;
     let state = live.hub().state();
-    Ok(Outcome::lost_if(state.last_recording.as_ref().is_some_and(|last| last.error.is_some() || last.lost > 0)))
+    Ok(Outcome::lost_if(state.last_recording.as_ref().is_some_and(|last| !last.is_whole())))
 }

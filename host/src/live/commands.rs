@@ -15,7 +15,7 @@ use tokio::sync::oneshot;
 use super::Live;
 use super::player::MAX_SPEED;
 use super::session::{Order, RockOrder};
-use crate::config::{self, angle_of};
+use crate::config;
 use crate::record::Outbox;
 
 /// How long a board may take to answer: the round trip and a survey that is behind.
@@ -140,7 +140,7 @@ pub enum Request {
         /// Which.
         action: RockOrder,
     },
-    /// Put the rock test's result in force.
+    /// Put in force what the rock test could tell: offset, delay or both.
     ApplyRockTest,
 }
 
@@ -223,10 +223,11 @@ impl Live {
                 let (Some(estimate), Some(mut config)) = (estimate, self.hub().config()) else {
                     return Err(Refusal::Conflict("there is no result to put in force".into()));
                 };
-                config.scanner.mounting_offset = angle_of(estimate.roll_offset_deg);
-                if estimate.delay_determined {
-                    config.scanner.delay_us = estimate.lidar_delay_us.round() as i32;
+                if !(estimate.offset_determined || estimate.delay_determined) {
+                    let words = "the test can tell neither offset nor delay: the old ones stay";
+                    return Err(Refusal::Conflict(words.into()));
                 }
+                config.scanner = estimate.scanner(&config.scanner);
                 self.configure(config).await
             }
         }

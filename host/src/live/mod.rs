@@ -28,5 +28,5 @@ pub use hub::{Cursor, Hub, News};
 pub use lamps::{Lamp, Light};
 pub use session::{Error, Live, Source};
 pub use state::{Lamps, Phase, Recording, State};
-pub use tape::drive_name;
+pub use tape::{Logs, drive_name};
 pub use view::{Piece, Section, SideView, Strip};

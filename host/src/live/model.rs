@@ -252,7 +252,8 @@ impl Model {
         (self.senses.scan_hz, self.senses.pose_hz) = (0.0, 0.0);
         self.hub.lock().forget();
         if matches!(self.rock, Rock::Gathering(_)) {
-            self.rock = Rock::None;
+            let refusal = Some("time has jumped, and what came before is of no use: begin the test again".to_owned());
+            self.rock = Rock::Done(Box::new(RockTest { refusal, ..RockTest::default() }));
         }
     }
 

@@ -6,13 +6,10 @@ use crossfall_core::protocol::message::Pose;
 use crossfall_core::scan::RawScan;
 use serde::Serialize;
 
-use crate::calibrate::{Drive, Estimate};
+use crate::calibrate::{Drive, Estimate, Gatherer};
 
 /// The most that is kept: two minutes at 37.5 scans a second.
 const MOST_SCANS: usize = 4_500;
-
-/// The same of poses, at 200 a second.
-const MOST_POSES: usize = 24_000;
 
 /// Shortest test that is worth an estimate, in scans: ten seconds.
 pub const LEAST_SCANS: usize = 375;
@@ -39,9 +36,9 @@ pub struct RockTest {
 }
 
 /// What a test has gathered.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Gathering {
-    drive: Drive,
+    gatherer: Gatherer,
     residuals: Vec<f64>,
     rates: Vec<f64>,
     last_roll: Option<(f64, f64)>,
@@ -54,14 +51,12 @@ impl Gathering {
     /// Begins with the configuration in force.
     #[must_use]
     pub fn new(config: Config) -> Self {
-        Self { drive: Drive { config, ..Drive::default() }, ..Self::default() }
+        Self { gatherer: Gatherer::new(config, MOST_SCANS), residuals: Vec::new(), rates: Vec::new(), last_roll: None }
     }
 
     /// The next scan.
     pub fn scan(&mut self, scan: &RawScan) {
-        if self.drive.scans.len() < MOST_SCANS {
-            self.drive.scans.push(scan.clone());
-        }
+        self.gatherer.scan(scan);
     }
 
     /// The next pose.
@@ -73,9 +68,7 @@ impl Gathering {
             self.rates.push((now.1 - roll) / (now.0 - time));
             keep_last(&mut self.rates, 4 * LATELY);
         }
-        if self.drive.poses.len() < MOST_POSES {
-            self.drive.poses.push(*pose);
-        }
+        self.gatherer.pose(pose);
     }
 
     /// The tilt of the levelled road in the next profile, in degrees to the left.
@@ -93,7 +86,7 @@ impl Gathering {
         let spread = self.residuals.iter().map(|residual| (residual - mean).powi(2)).sum::<f64>() / count;
         RockTest {
             running: true,
-            scans: self.drive.scans.len(),
+            scans: self.gatherer.scans(),
             enough: LEAST_SCANS,
             roll_rate_deg_s: (square / self.rates.len().max(1) as f64).sqrt(),
             residual_deg: (count > 0.0).then(|| (mean, spread.sqrt())),
@@ -104,7 +97,7 @@ impl Gathering {
     /// What has been gathered.
     #[must_use]
     pub fn into_drive(self) -> Drive {
-        self.drive
+        self.gatherer.into_drive()
     }
 }
 

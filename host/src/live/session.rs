@@ -1,7 +1,7 @@
 //! One board, or one film, and everybody who looks at it.
 
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -19,7 +19,7 @@ use super::hub::Hub;
 use super::model::Model;
 use super::player::{Controls, Player};
 use super::state::SourceState;
-use super::tape::{LiveTape, Shared};
+use super::tape::{LiveTape, Logs, Shared};
 use crate::container;
 use crate::record::{self, Device, Notice, Port};
 
@@ -101,11 +101,12 @@ pub enum Error {
 }
 
 impl Live {
-    /// Connects, or begins to play. A board that is not there yet is waited for.
+    /// Connects, or begins to play. A board that is not there yet is waited for. Of `logs` a folder is enough.
     ///
     /// # Errors
     /// When the file can be read as neither capture nor log, or a thread cannot be started.
-    pub fn start(source: &Source, folder: &Path, speed: f64, config: Option<Config>) -> Result<Self, Error> {
+    pub fn start(source: &Source, logs: impl Into<Logs>, speed: f64, config: Option<Config>) -> Result<Self, Error> {
+        let logs = logs.into();
         let (device, port, controls, kind, name) = match source {
             Source::Device(device) => {
                 let port = device.connect().unwrap_or_else(|error| Box::new(Absent(Some(error))));
@@ -121,7 +122,7 @@ impl Live {
                 (nowhere, port, Some(controls), kind, path.display().to_string())
             }
         };
-        let source = SourceState { kind, name, folder: folder.display().to_string() };
+        let source = SourceState { kind, name, folder: logs.folder.display().to_string() };
         let hub = Arc::new(Hub::default());
         let commands = Arc::new(Commands::default());
         let shared = Arc::new(Mutex::new(Shared::default()));
@@ -132,7 +133,7 @@ impl Live {
         let (heard, hears) = sync_channel(WAITING);
 
         let mut tape = LiveTape::new(
-            folder.to_path_buf(),
+            logs,
             obeyed,
             heard.clone(),
             Arc::clone(&unheard),

@@ -119,8 +119,18 @@ pub struct Recording {
     pub markers: u64,
     /// Frames lost between board and log, damaged, and bytes without room.
     pub lost: u64,
+    /// Times that the board booted within it: what was under way is lost, and nobody knows how much that is.
+    pub restarts: u64,
     /// Why it ended early.
     pub error: Option<String>,
+}
+
+impl Recording {
+    /// Whether all that the board sent meanwhile is in it, as far as it is known.
+    #[must_use]
+    pub fn is_whole(&self) -> bool {
+        self.error.is_none() && self.lost == 0 && self.restarts == 0
+    }
 }
 
 /// Where the vehicle is and how it moves.

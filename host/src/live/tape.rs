@@ -4,6 +4,8 @@
 //! asked who it is, and with its hello the log begins; then a new session is started. At its end the session is stopped, and when
 //! its last profiles are in, the log is closed and another session started for the viewers. So every log holds identity, configuration and
 //! clock before its first scan, and every profile in it can be recomputed. A board that does not answer is recorded as it is.
+//!
+//! The disk is watched meanwhile: while there is room to end a recording well, it is ended ([`space`](crate::record::space)).
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -17,6 +19,7 @@ use crossfall_core::protocol::message::{Command, Message, Session};
 use super::commands::Commands;
 use super::session::{Heard, Order};
 use super::state::{Phase, Recording};
+use crate::record::space::{RESERVE, Space, Watch};
 use crate::record::{Summary, Tape};
 use crate::{log, output};
 
@@ -28,6 +31,23 @@ const ANSWER: Duration = Duration::from_secs(2);
 
 /// Longest name of a drive, in bytes.
 const LONGEST_NAME: usize = 80;
+
+/// Where recordings go, and how they are written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Logs {
+    /// The folder.
+    pub folder: PathBuf,
+    /// How files follow each other, and whether they are packed.
+    pub options: log::Options,
+    /// A recording ends when less than this is free on the folder's disk, in bytes.
+    pub min_free: u64,
+}
+
+impl From<&Path> for Logs {
+    fn from(folder: &Path) -> Self {
+        Self { folder: folder.to_path_buf(), options: log::Options::default(), min_free: RESERVE }
+    }
+}
 
 /// What the recorder's thread and the viewers share.
 #[derive(Debug, Default)]
@@ -68,13 +88,15 @@ enum Step {
 /// See the module.
 pub struct LiveTape {
     step: Step,
-    folder: PathBuf,
+    logs: Logs,
+    watch: Watch,
     orders: Receiver<Order>,
     heard: SyncSender<Heard>,
     unheard: Arc<AtomicU64>,
     shared: Arc<Mutex<Shared>>,
     commands: Arc<Commands>,
-    metadata: BTreeMap<String, BTreeMap<String, String>>,
+    /// Who the board is and how it is configured: what every log begins with.
+    described: BTreeMap<String, BTreeMap<String, String>>,
     began: Instant,
     /// Losses of the connection when the recording began.
     lost_before: u64,
@@ -82,7 +104,7 @@ pub struct LiveTape {
 
 impl LiveTape {
     pub fn new(
-        folder: PathBuf,
+        logs: Logs,
         orders: Receiver<Order>,
         heard: SyncSender<Heard>,
         unheard: Arc<AtomicU64>,
@@ -91,13 +113,14 @@ impl LiveTape {
     ) -> Self {
         Self {
             step: Step::Idle,
-            folder,
+            watch: Watch::over_folder(logs.folder.clone(), logs.min_free),
+            logs,
             orders,
             heard,
             unheard,
             shared,
             commands,
-            metadata: BTreeMap::new(),
+            described: BTreeMap::new(),
             began: Instant::now(),
             lost_before: 0,
         }
@@ -141,6 +164,12 @@ impl LiveTape {
             return Err("a recording is under way".into());
         }
         let name = drive_name(name)?;
+        self.watch = Watch::over_folder(self.logs.folder.clone(), self.logs.min_free);
+        if let Some(Space::Full { free }) = self.watch.look(0, 0.0) {
+            let words = full(free);
+            self.share(|shared| shared.disk_error = Some(words.clone()));
+            return Err(words);
+        }
         let (path, log) = self.create(&name)?;
         let file = path.display().to_string();
         self.share(|shared| {
@@ -157,8 +186,8 @@ impl LiveTape {
     fn create(&self, name: &str) -> Result<(PathBuf, log::Writer), String> {
         for number in 1..10_000 {
             let file = if number == 1 { format!("{name}.log.mcap") } else { format!("{name}-{number}.log.mcap") };
-            let path = self.folder.join(file);
-            match log::Writer::create_live(&path) {
+            let path = self.logs.folder.join(file);
+            match log::Writer::create_with(&path, self.logs.options) {
                 Ok(log) => return Ok((path, log)),
                 Err(error) if error.source.kind() == std::io::ErrorKind::AlreadyExists => {}
                 Err(error) => {
@@ -198,7 +227,7 @@ impl LiveTape {
 
     /// The board's hello has come, or will not come: from here on everything is logged.
     fn roll(&mut self, mut log: log::Writer) -> Result<(), output::Error> {
-        for (name, entries) in &self.metadata {
+        for (name, entries) in &self.described {
             log.metadata(name, entries.clone())?;
         }
         self.began = Instant::now();
@@ -217,8 +246,9 @@ impl LiveTape {
             let mut ended = std::mem::take(&mut shared.recording);
             ended.phase = Phase::Idle;
             if let Err(error) = finished {
+                // What went wrong first is the cause, and what follows from it says nothing.
+                shared.disk_error.get_or_insert(error.to_string());
                 ended.error.get_or_insert(error.to_string());
-                shared.disk_error = Some(error.to_string());
             }
             shared.last = Some(ended);
         });
@@ -260,6 +290,21 @@ impl LiveTape {
         }
     }
 
+    /// Ends the recording, whole, while the disk has room for it.
+    fn watch(&mut self) {
+        let Step::Recording { log } = &self.step else { return };
+        // That the room gets little the disk's lamp shows, hours before.
+        let Some(Space::Full { free }) = self.watch.look(log.bytes(), self.began.elapsed().as_secs_f64()) else {
+            return;
+        };
+        self.share(|shared| {
+            shared.disk_error = Some(full(free));
+            shared.recording.error = Some(full(free));
+        });
+        // There is one to end.
+        let _ended = self.end();
+    }
+
     fn roll_or_fail(&mut self, log: log::Writer) {
         if let Err(error) = self.roll(log) {
             self.share(|shared| {
@@ -285,6 +330,11 @@ impl LiveTape {
             _ => {}
         }
     }
+}
+
+/// Why nothing more is recorded.
+fn full(free: u64) -> String {
+    format!("the disk is full: {:.1} MB are left free", free as f64 / 1e6)
 }
 
 /// What the connection has lost.
@@ -319,9 +369,22 @@ impl Tape for LiveTape {
         Ok(())
     }
 
-    fn metadata(&mut self, name: &str, entries: BTreeMap<String, String>) -> Result<(), output::Error> {
-        self.write(|log| log.metadata(name, entries.clone()));
-        self.metadata.insert(name.to_owned(), entries);
+    fn metadata(&mut self, name: &str, mut entries: BTreeMap<String, String>) -> Result<(), output::Error> {
+        match name {
+            log::metadata::IDENTITY | log::metadata::CONFIG => {
+                self.described.insert(name.to_owned(), entries.clone());
+            }
+            // The connection counts its boots, a log those within it.
+            log::metadata::SEGMENT if matches!(self.step, Step::Recording { .. } | Step::Ending { .. }) => {
+                let restarts = self.share(|shared| {
+                    shared.recording.restarts += 1;
+                    shared.recording.restarts
+                });
+                entries.insert("number".to_owned(), (restarts + 1).to_string());
+            }
+            _ => {}
+        }
+        self.write(|log| log.metadata(name, entries));
         Ok(())
     }
 
@@ -340,6 +403,7 @@ impl Tape for LiveTape {
             self.obey(order);
         }
         self.due();
+        self.watch();
         self.write(|log| log.settle(now_ns));
         if matches!(self.step, Step::Recording { .. }) {
             let seconds = self.began.elapsed().as_secs_f64();
@@ -409,5 +473,151 @@ mod tests {
         assert_eq!(utc(0), "19700101-000000");
         assert_eq!(utc(951_782_400), "20000229-000000");
         assert_eq!(utc(1_767_225_599), "20251231-235959");
+    }
+
+    use std::io::{self, Write};
+    use std::sync::mpsc::{self, Sender};
+
+    use crossfall_core::protocol::DeviceTime;
+    use crossfall_core::protocol::message::Hello;
+    use tokio::sync::oneshot;
+
+    /// A tape, and what gives it orders.
+    fn tape(folder: &Path, min_free: u64) -> (LiveTape, Sender<Order>, Arc<Mutex<Shared>>) {
+        let (orders, obeyed) = mpsc::channel();
+        // Nobody hears what is shown.
+        let (heard, _) = mpsc::sync_channel(1);
+        let shared = Arc::new(Mutex::new(Shared::default()));
+        let logs = Logs { min_free, ..Logs::from(folder) };
+        let commands = Arc::new(Commands::default());
+        let tape = LiveTape::new(logs, obeyed, heard, Arc::default(), Arc::clone(&shared), commands);
+        (tape, orders, shared)
+    }
+
+    fn record(orders: &Sender<Order>) -> oneshot::Receiver<Result<String, String>> {
+        let (tell, told) = oneshot::channel();
+        orders.send(Order::Record { name: "x".into(), tell }).unwrap();
+        told
+    }
+
+    fn settle_until(tape: &mut LiveTape, is: impl Fn(&Step) -> bool) {
+        let began = Instant::now();
+        while !is(&tape.step) {
+            assert!(began.elapsed() < Duration::from_secs(20));
+            tape.settle(0).unwrap();
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    /// Brings a tape to where it records, as an answering board does.
+    fn roll(tape: &mut LiveTape, orders: &Sender<Order>) -> PathBuf {
+        let mut told = record(orders);
+        settle_until(tape, |step| matches!(step, Step::Clearing { .. }));
+        tape.frame(0, &[0], Some(&Message::Session(Session::Stopped(DeviceTime(0))))).unwrap();
+        settle_until(tape, |step| matches!(step, Step::Greeting { .. }));
+        let hello = Hello { schema: 0, firmware: "f", board: "b", boot: 0, restart: "" };
+        tape.frame(0, &[0], Some(&Message::Hello(hello))).unwrap();
+        assert!(matches!(tape.step, Step::Recording { .. }));
+        told.try_recv().unwrap().unwrap().into()
+    }
+
+    fn entries(key: &str, value: &str) -> BTreeMap<String, String> {
+        [(key.to_owned(), value.to_owned())].into()
+    }
+
+    #[test]
+    fn a_recording_ends_whole_while_the_disk_has_room_for_its_end() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut tape, orders, shared) = tape(folder.path(), u64::MAX);
+        let mut told = record(&orders);
+        tape.settle(0).unwrap();
+        let refused = told.try_recv().unwrap().unwrap_err();
+        assert!(refused.starts_with("the disk is full"), "{refused}");
+        assert!(std::fs::read_dir(folder.path()).unwrap().next().is_none(), "no log is begun");
+
+        tape.logs.min_free = 0;
+        let path = roll(&mut tape, &orders);
+        assert_eq!(shared.lock().unwrap().disk_error, None);
+        tape.frame(0, &[1, 0], None).unwrap();
+        tape.watch = Watch::of(Box::new(|| Ok(5_000_000)), 6_000_000);
+        settle_until(&mut tape, |step| matches!(step, Step::Ending { .. }));
+        tape.frame(1, &[2, 0], None).unwrap();
+        settle_until(&mut tape, |step| matches!(step, Step::Idle));
+        let shared = shared.lock().unwrap();
+        let last = shared.last.as_ref().unwrap();
+        assert!(!last.is_whole() && last.error == shared.disk_error, "{last:?}");
+        assert_eq!(shared.disk_error.as_deref(), Some("the disk is full: 5.0 MB are left free"));
+        let frames: Vec<_> = log::Reader::open(&path).unwrap().map(|frame| frame.unwrap().bytes).collect();
+        assert_eq!(frames, [vec![0], vec![1, 0], vec![2, 0]], "whole, with what came while it ended");
+    }
+
+    /// Takes so many bytes.
+    struct Small(usize);
+
+    impl Write for Small {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            self.0 = self.0.checked_sub(bytes.len()).ok_or(io::ErrorKind::StorageFull)?;
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl log::Storage for Small {
+        fn sync(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn what_went_wrong_first_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut tape, _orders, shared) = tape(folder.path(), 0);
+        let small = Box::new(|_: &Path| Ok(Box::new(Small(2_000)) as Box<dyn log::Storage>));
+        let log = log::Writer::create_over(&folder.path().join("x"), log::Options::default(), small).unwrap();
+        tape.step = Step::Recording { log };
+        for second in 0..4 {
+            tape.frame(second * 1_000_000_000, &[7; 1_000], None).unwrap();
+        }
+        assert!(matches!(tape.step, Step::Idle));
+        let shared = shared.lock().unwrap();
+        let words = shared.disk_error.as_deref().unwrap();
+        assert!(words.contains(&io::Error::from(io::ErrorKind::StorageFull).to_string()), "{words}");
+        assert_eq!(shared.last.as_ref().unwrap().error.as_deref(), Some(words));
+    }
+
+    #[test]
+    fn a_log_begins_with_who_and_how_and_counts_its_own_boots() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut tape, orders, shared) = tape(folder.path(), 0);
+        for (name, key, value) in [
+            ("segment", "number", "2"),
+            ("identity", "board", "b"),
+            ("config", "toml", "x"),
+            ("segment", "number", "3"),
+        ] {
+            tape.metadata(name, entries(key, value)).unwrap();
+        }
+        let path = roll(&mut tape, &orders);
+        let read = |path: &Path| {
+            let mut reader = log::Reader::open(path).unwrap();
+            assert!(reader.by_ref().all(|frame| frame.is_ok()));
+            reader.metadata().clone()
+        };
+        tape.metadata("segment", entries("number", "4")).unwrap();
+        tape.finish();
+        let found = read(&path);
+        assert_eq!(found["segment"]["number"], "2", "the first boot within this log");
+        assert_eq!((&*found["identity"]["board"], &*found["config"]["toml"]), ("b", "x"));
+        let last = shared.lock().unwrap().last.clone().unwrap();
+        assert!(last.restarts == 1 && !last.is_whole());
+
+        let (mut tape, orders, _) = self::tape(folder.path(), 0);
+        tape.metadata("segment", entries("number", "2")).unwrap();
+        let path = roll(&mut tape, &orders);
+        tape.finish();
+        assert!(!read(&path).contains_key("segment"), "nothing has booted within this one");
     }
 }

@@ -7,6 +7,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+/// Bytes that stay free unless told otherwise.
+pub const RESERVE: u64 = 64 << 20;
+
 /// How often the disk is asked.
 const EVERY: Duration = Duration::from_secs(1);
 
@@ -31,9 +34,12 @@ pub enum Space {
     },
 }
 
+/// Asks the disk for its free bytes.
+type Free = Box<dyn FnMut() -> io::Result<u64> + Send>;
+
 /// Watches the disk of one log.
 pub struct Watch {
-    free: Box<dyn FnMut() -> io::Result<u64>>,
+    free: Free,
     reserve: u64,
     asked: Option<Instant>,
     told: usize,
@@ -47,10 +53,16 @@ impl Watch {
             Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),
             _ => PathBuf::from("."),
         };
+        Self::over_folder(folder, reserve)
+    }
+
+    /// The same of a log that is yet to be made in a folder.
+    #[must_use]
+    pub fn over_folder(folder: PathBuf, reserve: u64) -> Self {
         Self::of(Box::new(move || fs4::available_space(&folder)), reserve)
     }
 
-    fn of(free: Box<dyn FnMut() -> io::Result<u64>>, reserve: u64) -> Self {
+    pub(crate) fn of(free: Free, reserve: u64) -> Self {
         Self { free, reserve, asked: None, told: 0 }
     }
 

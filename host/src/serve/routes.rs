@@ -10,9 +10,10 @@ use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{any, get, post};
 use serde_json::{Value, json};
+use tokio::time::timeout;
 
 use super::access::{COOKIE, Verdict};
-use super::{Access, Served, assets, metrics, socket};
+use super::{Access, REQUEST, Served, assets, metrics, socket};
 use crate::live::{Refusal, Request as Wanted};
 
 /// Longest body of a request: a configuration with comments is 3 kB.
@@ -45,10 +46,10 @@ pub fn router(served: Arc<Served>) -> Router {
 /// Turns away who may not look, before anything else looks at the request.
 async fn gate(State(served): State<Arc<Served>>, request: Request, next: Next) -> Response {
     let mut response = match served.access.judge(request.uri(), request.headers()) {
-        Verdict::Granted => next.run(request).await,
+        Verdict::Granted => in_time(request, next).await,
         Verdict::GrantedByQuery => {
             let is_page = request.uri().path() == "/";
-            with_cookie(&served.access, is_page, next.run(request).await)
+            with_cookie(&served.access, is_page, in_time(request, next).await)
         }
         Verdict::NoToken => {
             served.metrics.refused();
@@ -72,6 +73,12 @@ async fn gate(State(served): State<Arc<Served>>, request: Request, next: Next) -
         headers.insert(name, HeaderValue::from_static(value));
     }
     response
+}
+
+/// The answer, unless the request's body takes too long to come.
+async fn in_time(request: Request, next: Next) -> Response {
+    let late = |_| told(StatusCode::REQUEST_TIMEOUT, "the request did not come to its end");
+    timeout(REQUEST, next.run(request)).await.unwrap_or_else(late)
 }
 
 /// An answer to a request that had nothing to ask.

@@ -98,11 +98,16 @@ impl Bench {
 
     /// On a drive of so many seconds, made for it.
     pub fn on_long_drive(seconds: f64, speed: f64) -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("long.mcap");
         let mut scene = Scene::default();
         scene.drive.seconds = seconds;
-        write(&scene, &path);
+        Self::on_scene(&scene, speed)
+    }
+
+    /// On a drive made for it.
+    pub fn on_scene(scene: &Scene, speed: f64) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("long.mcap");
+        write(scene, &path);
         let bench = Self::start(&Source::File(path), speed, Access::ThisComputer, None);
         // The film holds the file open.
         drop(folder);

@@ -6,14 +6,17 @@ mod devtools;
 mod report;
 
 use std::fs;
-use std::io::Write;
+use std::io::{Read, Write};
 use std::net::TcpStream;
+use std::path::Path;
 use std::thread;
 use std::time::Duration;
 
 use bench::{Bench, Viewer, await_that, http, marker_labels};
 use crossfall::serve::Access;
-use crossfall::verify;
+use crossfall::simulate::scene::Scene;
+use crossfall::{config, verify};
+use crossfall_core::protocol::Config;
 use serde_json::json;
 
 #[test]
@@ -336,4 +339,73 @@ fn a_rock_test_finds_offset_and_delay_and_puts_them_in_force() {
     let line = toml.lines().find(|line| line.starts_with("mounting_offset_deg")).unwrap();
     let offset: f64 = line.split(['=', '#']).nth(1).unwrap().trim().parse().unwrap();
     assert!((offset - bench::ROCK_OFFSET_DEG).abs() < 0.1, "{line}");
+    // A test over a jump in time is none.
+    assert_eq!(viewer.ask(json!({ "do": "rock_test", "action": "begin" }))["ok"], true);
+    viewer.until_state(|state| state["rock_test"]["running"] == true);
+    assert_eq!(viewer.ask(json!({ "do": "seek", "seconds": 0.0 }))["ok"], true);
+    assert_eq!(viewer.ask(json!({ "do": "pause", "paused": false }))["ok"], true);
+    let state = viewer.until_state(|state| state["rock_test"]["refusal"].is_string());
+    assert!(state["rock_test"]["refusal"].as_str().unwrap().contains("begin the test again"), "{state}");
+}
+
+/// A rock test over the first half minute of a drive, and what comes of putting its result in force.
+fn rocked(viewer: &mut Viewer) -> (serde_json::Value, serde_json::Value) {
+    assert_eq!(viewer.ask(json!({ "do": "rock_test", "action": "begin" }))["ok"], true);
+    viewer.until_state(|state| state["rock_test"]["scans"].as_u64() > Some(1_000));
+    assert_eq!(viewer.ask(json!({ "do": "rock_test", "action": "end" }))["ok"], true);
+    let state = viewer.until_state(|state| state["rock_test"]["estimate"].is_object());
+    (state["rock_test"]["estimate"].clone(), viewer.ask(json!({ "do": "apply_rock_test" })))
+}
+
+#[test]
+fn what_a_rock_test_cannot_tell_is_not_put_in_force() {
+    let mut scene = Scene::default();
+    scene.drive.seconds = 40.0;
+    scene.scanner.delay_us = bench::ROCK_DELAY_US;
+    // A drive tells the delay, but no offset: the road's cross slope is not known.
+    let bench = Bench::on_scene(&scene, 10.0);
+    let (estimate, applied) = rocked(&mut Viewer::join(bench.address));
+    assert_eq!((&estimate["offset_determined"], &estimate["delay_determined"]), (&json!(false), &json!(true)));
+    assert!(estimate["roll_offset_deg"].as_f64().unwrap().abs() > 0.001, "{estimate}");
+    let toml = config::parse(Path::new("echo"), applied["result"]["toml"].as_str().unwrap()).unwrap();
+    assert_eq!(toml.scanner.mounting_offset, Config::default().scanner.mounting_offset, "{applied}");
+    assert_eq!(f64::from(toml.scanner.delay_us), estimate["lidar_delay_us"].as_f64().unwrap().round());
+    // One without roll tells neither.
+    scene.vehicle.roll = Vec::new();
+    scene.ins.attitude_drift_deg = 0.0;
+    let bench = Bench::on_scene(&scene, 10.0);
+    let (estimate, applied) = rocked(&mut Viewer::join(bench.address));
+    assert_eq!((&estimate["offset_determined"], &estimate["delay_determined"]), (&json!(false), &json!(false)));
+    assert_eq!(applied["ok"], false, "{applied}");
+    assert!(applied["error"].as_str().unwrap().contains("neither offset nor delay"), "{applied}");
+}
+
+#[test]
+fn connections_that_ask_for_nothing_are_given_up() {
+    let bench = Bench::on_capture(1.0);
+    let mut viewer = Viewer::join(bench.address);
+    // More than are served at a time; half a request is none.
+    let idle: Vec<_> = (0..140)
+        .map(|number| {
+            let mut stream = TcpStream::connect(bench.address).unwrap();
+            if number % 2 == 0 {
+                stream.write_all(b"GET /api/state HTTP/1.1\r\nHost: ").unwrap();
+            }
+            stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+            stream
+        })
+        .collect();
+    // Who looks on already does not notice; who comes now waits, and not for ever.
+    assert_eq!(viewer.ask(json!({ "do": "mark" }))["ok"], true);
+    assert_eq!(http(bench.address, "GET /api/state HTTP/1.1", &[], "").status, 200);
+    for mut stream in idle {
+        let mut said = Vec::new();
+        stream.read_to_end(&mut said).expect("the server ends the connection");
+    }
+    // Neither is a body waited for that does not come.
+    let mut stream = TcpStream::connect(bench.address).unwrap();
+    let head = format!("POST /api/command HTTP/1.1\r\nHost: {}\r\nContent-Length: 9\r\n\r\n", bench.address);
+    stream.write_all(head.as_bytes()).unwrap();
+    assert_eq!(bench::answer(stream).status, 408);
+    assert_eq!(viewer.ask(json!({ "do": "mark" }))["ok"], true);
 }
