@@ -31,6 +31,7 @@ use crossfall_core::scan::RawScan;
 use serde::Serialize;
 
 use crate::container::Error;
+use crate::interrupt;
 use crate::stream::{Item, Stream};
 
 pub use estimate::estimate;
@@ -152,7 +153,7 @@ pub struct Sample {
 /// Reads what a calibration needs.
 ///
 /// # Errors
-/// When the log cannot be opened.
+/// When the log cannot be opened, or the user asks to stop.
 pub fn read(path: &Path) -> Result<Drive, Error> {
     let mut stream = Stream::open(path)?;
     let mut drive = Drive::default();
@@ -174,5 +175,6 @@ pub fn read(path: &Path) -> Result<Drive, Error> {
             _ => {}
         }
     }
+    interrupt::check()?;
     Ok(drive)
 }

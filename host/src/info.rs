@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use crate::capture::{Channel, Reader};
 use crate::container::Error;
+use crate::interrupt;
 use crate::stream::{Item, Stream};
 
 /// A file at a glance.
@@ -42,7 +43,7 @@ pub fn look(path: &Path) -> Result<Info, Error> {
     match Reader::open(path) {
         Ok(capture) => look_at_capture(capture),
         Err(Error::Content { .. }) => match Stream::open(path) {
-            Ok(log) => Ok(look_at_log(log)),
+            Ok(log) => look_at_log(log),
             Err(Error::Content { path, .. }) => {
                 let what = "neither a capture (channels lidar, ins, pps) nor a log (channel wire)".to_owned();
                 Err(Error::Content { path, what })
@@ -85,7 +86,7 @@ fn look_at_capture(capture: Reader) -> Result<Info, Error> {
     Ok(info)
 }
 
-fn look_at_log(mut log: Stream) -> Info {
+fn look_at_log(mut log: Stream) -> Result<Info, Error> {
     let mut info = Info { kind: "log", ..Info::default() };
     let (mut frames, mut bad, mut missing, mut profiles) = (0, 0, 0, 0);
     let mut span: Option<(DeviceTime, DeviceTime)> = None;
@@ -131,6 +132,7 @@ fn look_at_log(mut log: Stream) -> Info {
             Item::Damage(error) => info.damage.push(error.to_string()),
         }
     }
+    interrupt::check()?;
     for (name, count) in [("frames", frames), ("bad_frames", bad), ("missing_frames", missing), ("profiles", profiles)]
     {
         info.counters.insert(format!("link.{name}"), count);
@@ -141,7 +143,7 @@ fn look_at_log(mut log: Stream) -> Info {
         }
     }
     info.seconds = span.map_or(0.0, |(first, last)| last.since(first) as f64 * 1e-6);
-    info
+    Ok(info)
 }
 
 fn line_counters(line: &str, counters: &LineCounters, into: &mut BTreeMap<String, u64>) {
