@@ -9,8 +9,6 @@ use crossfall_core::protocol::frame::{DELIMITER, Event, Fault, Gap, HostDecoder,
 use crossfall_core::protocol::message::Message;
 
 use crate::container::Error;
-#[cfg(doc)]
-use crate::interrupt;
 use crate::log;
 
 /// Where a frame is.
@@ -108,7 +106,7 @@ impl Stream {
         self.frames
     }
 
-    /// The next item; a lending iterator, as messages borrow from the frame. It ends early when the user asks to stop: [`interrupt::check`] tells.
+    /// The next item; a lending iterator, as messages borrow from the frame. It ends early when the user asks to stop: [`check`](crate::interrupt::check) tells.
     #[expect(clippy::should_implement_trait, reason = "an iterator cannot lend")]
     pub fn next(&mut self) -> Option<(Place, Item<'_>)> {
         while self.taken >= self.record.len() {

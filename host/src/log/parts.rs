@@ -225,7 +225,7 @@ mod tests {
         let mut log = Writer::create_with(&first, options).unwrap();
         let mut files = vec![first];
         for i in 0..300_u64 {
-            log.frame(from_ns + i * 20_000_000, &[i as u8 + 1; 12]).unwrap();
+            log.frame(from_ns + i * 20_000_000, &[(i % 200) as u8 + 1; 12]).unwrap();
             if log.path() != files.last().unwrap() {
                 files.push(log.path().to_path_buf());
             }
