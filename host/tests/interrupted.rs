@@ -50,12 +50,12 @@ fn every_reader_of_logs_stops_when_it_is_asked_to() {
     stopped("view", cloud::Stretch::read(path, 0.0, 9.0).err().map(|e| text(&e)));
     stopped(
         "cloud",
-        cloud::write(&[path.clone()], cloud::Format::Ply, &to("a.ply"), |_, _| ()).err().map(|e| text(&e)),
+        cloud::write(std::slice::from_ref(path), cloud::Format::Ply, &to("a.ply"), |_, _| ()).err().map(|e| text(&e)),
     );
     stopped("export", export::foxglove(path, &to("a.fox.mcap"), |_| ()).err().map(|e| text(&e)));
     stopped("profiles", dataset::write(path, None, Format::Csv, &to("a.csv"), |_| ()).err().map(|e| text(&e)));
     stopped("data set", dataset::Partition::of(path, None).err().map(|e| text(&e)));
-    stopped("recover", recover::recover(&[path.clone()], &to("b.mcap"), |_, _| ()).err().map(|e| text(&e)));
+    stopped("recover", recover::recover(std::slice::from_ref(path), &to("b.mcap"), |_, _| ()).err().map(|e| text(&e)));
     stopped("an output", output::write(&to("a.txt"), b"half").err().map(|e| text(&e)));
     let mut left: Vec<_> = fs::read_dir(at).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     left.sort();
