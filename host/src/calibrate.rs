@@ -34,6 +34,7 @@ use crossfall_core::scan::RawScan;
 use serde::Serialize;
 
 use crate::container::Error;
+use crate::interrupt;
 use crate::stream::{Item, Stream};
 
 pub use estimate::estimate;
@@ -161,7 +162,7 @@ pub struct Sample {
 /// Reads what a calibration needs: of a log in which the board booted again, the longest stretch without it.
 ///
 /// # Errors
-/// When the log cannot be opened.
+/// When the log cannot be opened, or the user asks to stop.
 pub fn read(path: &Path) -> Result<Drive, Error> {
     let mut stream = Stream::open(path)?;
     let mut gatherer = Gatherer::new(Config::default(), MOST_SCANS);
@@ -195,6 +196,7 @@ pub fn read(path: &Path) -> Result<Drive, Error> {
             _ => {}
         }
     }
+    interrupt::check()?;
     stretches.add(gatherer.into_drive());
     Ok(Drive { damage, ..stretches.longest() })
 }

@@ -109,8 +109,8 @@ impl Reader {
                 Ok(_) => {}
                 Err(error) => {
                     // Behind a damaged record the next chunk is looked for; a cut is the end.
-                    if matches!(error, Error::Damaged { .. }) {
-                        container.resume()?;
+                    if let Error::Damaged { offset, .. } = error {
+                        container.resume(offset)?;
                     }
                     errors.push_back(error);
                 }

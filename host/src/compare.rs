@@ -89,10 +89,11 @@ impl Drive {
     /// Reads the profiles of a log.
     ///
     /// # Errors
-    /// When the log cannot be opened, or holds no profile.
+    /// When the log cannot be opened, or holds no profile, or the user asks to stop.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let mut rows = Rows::open(path)?;
         let all: Vec<Row> = rows.by_ref().collect();
+        crate::interrupt::check()?;
         if all.is_empty() {
             return Err(Error::Content { path: path.to_path_buf(), what: "the log has no profile".to_owned() });
         }

@@ -20,6 +20,9 @@ pub const MAX_CHUNK: u64 = 256 << 20;
 /// The largest record read as a whole that is not a chunk: metadata, a channel.
 const MAX_RECORD: u64 = 16 << 20;
 
+/// Times a file's size that may be walked again for records with wrong lengths: some of these cost most of a file each.
+const AGAIN: u64 = 8;
+
 /// Length of a footer's body.
 const FOOTER: u64 = 20;
 
@@ -155,10 +158,10 @@ pub(crate) struct Container {
     path: PathBuf,
     file: BufReader<File>,
     size: u64,
-    /// The record before `position`.
-    last: u64,
     position: u64,
     closed: bool,
+    /// Bytes that were walked more than once, see [`Container::resume`].
+    again: u64,
 }
 
 impl Container {
@@ -178,7 +181,7 @@ impl Container {
             return Err(Error::Foreign { path: path.to_path_buf(), found });
         }
         let position = start.len() as u64;
-        Ok(Self { path: path.to_path_buf(), file, size: metadata.len(), last: 0, position, closed: false })
+        Ok(Self { path: path.to_path_buf(), file, size: metadata.len(), position, closed: false, again: 0 })
     }
 
     /// The file's name.
@@ -283,49 +286,68 @@ impl Container {
                 }
             }));
         }
-        if opcode == op::CHUNK && length > room {
-            let mut head = vec![0; CHUNK_HEAD_MAX.min((self.size - offset) as usize)];
-            let read = self.read_at(offset, &mut head);
-            let whole = head.len() == CHUNK_HEAD_MAX;
-            if let Some(error) = read.err().or_else(|| {
-                (whole && !begins_chunk(&head, self.size - offset))
-                    .then(|| self.damaged(offset, format!("a chunk of {length} bytes, of which the file holds {room}")))
-            }) {
-                self.closed = true;
-                return Some(Err(error));
-            }
+        if opcode == op::CHUNK
+            && let Err(error) = self.check_chunk(offset, length)
+        {
+            self.closed = true;
+            return Some(Err(error));
         }
-        self.last = offset;
         self.position = offset.saturating_add(HEAD).saturating_add(length);
         Some(Ok(Entry { offset, opcode, length }))
     }
 
-    /// After damage: goes on at the next place at which a chunk begins. Returns where, or nothing if there is none.
+    /// Whether a chunk's length is what its own header says, so that no wrong length hides the chunks behind it.
+    fn check_chunk(&mut self, offset: u64, length: u64) -> Result<(), Error> {
+        const LONGEST: usize = HEAD as usize + 40 + ChunkHead::LONGEST_NAME;
+        let room = self.size - offset - HEAD;
+        let head = self.bytes(offset, LONGEST)?;
+        let found = head.get(HEAD as usize..).and_then(ChunkHead::parse).map(|head| head.length());
+        // Where the file ends within the header, nothing says that the length is wrong.
+        let cut = found.is_none() && length > room && head.len() < LONGEST;
+        if cut || (found == Some(Some(length)) && length <= MAX_CHUNK) {
+            return Ok(());
+        }
+        Err(self.damaged(
+            offset,
+            match found.flatten() {
+                Some(found) if found != length => {
+                    format!("a chunk of {length} bytes, by its own header of {found}; the file holds {room}")
+                }
+                Some(_) => format!("a chunk of {length} bytes, expected at most {MAX_CHUNK}"),
+                None => "the chunk's header is not readable".to_owned(),
+            },
+        ))
+    }
+
+    /// After damage at `at`: goes on at the next place behind it at which a chunk begins. Returns where, or nothing if there is none.
     ///
-    /// The search begins inside of the record before the damage, since it may be its length that is wrong.
     /// A chunk is known by its header: plausible lengths that agree with each other, times in order, a known compression.
-    pub fn resume(&mut self) -> Result<Option<u64>, Error> {
-        let found = self.chunk_from(self.last + 1)?;
+    ///
+    /// The place may lie within a record that was walked over, since that record's length may be what is wrong; nothing before `at` is ever read
+    /// again, though. Records within each other's bodies would have most of a file walked again and again: from [`AGAIN`] times its size on, the
+    /// search begins behind what was walked.
+    pub fn resume(&mut self, at: u64) -> Result<Option<u64>, Error> {
+        let tired = self.again > AGAIN.saturating_mul(self.size);
+        let found = self.chunk_from(if tired { self.position.max(at + 1) } else { at + 1 })?;
         if let Some(place) = found {
-            (self.position, self.last, self.closed) = (place, place, false);
+            self.again += self.position.saturating_sub(place);
+            (self.position, self.closed) = (place, false);
         }
         Ok(found)
     }
 
     /// The first byte from `from` on at which a chunk begins.
     fn chunk_from(&mut self, from: u64) -> Result<Option<u64>, Error> {
-        const WINDOW: usize = 1 << 16;
-        let mut base = from;
-        let mut window = vec![0; WINDOW + CHUNK_HEAD_MAX];
+        // The next one is mostly near.
+        let (mut base, mut window) = (from, 1 << 12);
         while base < self.size {
-            let length = window.len().min(usize::try_from(self.size - base).unwrap_or(usize::MAX));
-            let bytes = &mut window[..length];
-            self.read_at(base, bytes)?;
-            let found = (0..length.min(WINDOW)).find(|&i| begins_chunk(&bytes[i..], self.size - base - i as u64));
+            let bytes = self.bytes(base, window + CHUNK_HEAD_MAX)?;
+            let found = (0..bytes.len().min(window)).find(|&i| begins_chunk(&bytes[i..], self.size - base - i as u64));
             if let Some(i) = found {
                 return Ok(Some(base + i as u64));
             }
-            base += WINDOW as u64;
+            base += window as u64;
+            window = (2 * window).min(1 << 16);
         }
         Ok(None)
     }
@@ -524,11 +546,19 @@ struct ChunkHead {
 }
 
 impl ChunkHead {
+    /// Of a compression, in bytes.
+    const LONGEST_NAME: usize = 64;
+
+    /// Length of the chunk's record, as its header has it.
+    fn length(&self) -> Option<u64> {
+        self.packed.checked_add(self.records_at as u64)
+    }
+
     fn parse(body: &[u8]) -> Option<Self> {
         let long = |at: usize| Some(u64::from_le_bytes(*body.get(at..)?.first_chunk()?));
         let short = |at: usize| Some(u32::from_le_bytes(*body.get(at..)?.first_chunk()?));
         // An unknown compression is refused by the crate's reader; an absurd length is no header.
-        let name = short(28).filter(|&length| length <= 64)? as usize;
+        let name = short(28).filter(|&length| length as usize <= Self::LONGEST_NAME)? as usize;
         Some(Self {
             start: long(0)?,
             end: long(8)?,
@@ -552,7 +582,7 @@ fn begins_chunk(bytes: &[u8], room: u64) -> bool {
         head.start <= head.end
             && head.unpacked <= MAX_CHUNK
             && matches!(head.compression.as_str(), "" | "lz4" | "zstd")
-            && head.packed.checked_add(head.records_at as u64) == Some(length)
+            && head.length() == Some(length)
     })
 }
 

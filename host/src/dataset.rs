@@ -1,6 +1,6 @@
 //! A data set of many drives: `road=NAME/date=YYYY-MM-DD/DRIVE.parquet`, the layout that DuckDB, Spark and pandas read as one table.
 //!
-//! A partition file is written whole or not at all, and one that is newer than its log is left as it is: a run that was stopped goes on where it was.
+//! A partition file is written whole or not at all, and one that is newer than all files of its log is left as it is: a run that was stopped goes on where it was.
 //! The date is that of the first scan with a GPS time, in UTC.
 
 use std::collections::BTreeMap;
@@ -223,6 +223,9 @@ fn beside<T: Send>(
             }
         }
         drop(receiver);
+        if interrupt::requested() {
+            return Err(Stopped::Interrupted);
+        }
         // A panic of the maker is this thread's as well.
         Ok(maker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
     })
@@ -251,6 +254,7 @@ impl Partition {
         };
         let road = road.map(str::to_owned).or_else(folder).unwrap_or_else(|| NONE.to_owned());
         let gps = Rows::open(log)?.find_map(|row| row.position.gps);
+        interrupt::check()?;
         let name = log.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         let drive = name.strip_suffix(".mcap").unwrap_or(&name);
         let drive = drive.strip_suffix(".log").unwrap_or(drive).to_owned();
@@ -292,6 +296,7 @@ pub fn take_in(
                 }
                 work.push((number, log, file));
             }
+            Err(container::Error::Interrupted) => return Ok(()),
             Err(error) => done(number, Err(error.into())),
         }
     }
@@ -319,7 +324,9 @@ fn partition(
     progress: impl FnMut(u64) + Send,
 ) -> Result<Written, Error> {
     let changed = |path: &Path| fs::metadata(path).and_then(|found| found.modified());
-    if let (Ok(made), Ok(logged)) = (changed(file), changed(log))
+    let files = crate::log::Parts::of(log)?.files;
+    let logged = files.iter().filter_map(|file| changed(file).ok()).max();
+    if let (Ok(made), Some(logged)) = (changed(file), logged)
         && made > logged
     {
         return Ok(Written { path: file.to_path_buf(), rows: None, damage: 0, unplaced: 0 });

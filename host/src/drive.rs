@@ -132,10 +132,8 @@ impl Drive {
                 spacing *= 2;
             }
             progress(walk.offset());
-            if interrupt::requested() {
-                return Err(Error::Interrupted);
-            }
         }
+        interrupt::check()?;
         drive.health.damage = walk.damage();
         drive.health.unmatched = walk.unmatched();
         Ok(drive)

@@ -128,9 +128,6 @@ pub fn foxglove(log: &Path, to: &Path, mut progress: impl FnMut(u64)) -> Result<
         let Some(step) = walk.next(|_, _| true) else { break };
         if made.profiles.is_multiple_of(512) {
             progress(offset);
-            if interrupt::requested() {
-                return Err(container::Error::Interrupted.into());
-            }
         }
         made.profiles += 1;
         let time_ns = unix_ns(&step);
@@ -153,6 +150,7 @@ pub fn foxglove(log: &Path, to: &Path, mut progress: impl FnMut(u64)) -> Result<
         let [left, right] = sides(&step.profile, step.position).map(|row| as_json(&row));
         file.write(4, time_ns, &json!({ "timestamp": stamp, "left": left, "right": right }))?;
     }
+    interrupt::check()?;
     made.damage = walk.damage() + walk.unmatched();
     file.finish()?;
     Ok(made)

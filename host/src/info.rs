@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use crate::capture::{Channel, Chunk, Reader};
 use crate::container::Error;
+use crate::interrupt;
 use crate::scanner::{self, Family};
 use crate::stream::{Item, Stream};
 
@@ -43,7 +44,7 @@ pub fn look(path: &Path) -> Result<Info, Error> {
     match Reader::open(path) {
         Ok(capture) => look_at_capture(capture),
         Err(Error::Content { .. }) => match Stream::open(path) {
-            Ok(log) => Ok(look_at_log(log)),
+            Ok(log) => look_at_log(log),
             Err(Error::Content { path, .. }) => {
                 let what = "neither a capture (channels lidar, ins, pps) nor a log (channel wire)".to_owned();
                 Err(Error::Content { path, what })
@@ -104,7 +105,7 @@ fn look_at_chunks<S: Scanner>(
     Ok(())
 }
 
-fn look_at_log(mut log: Stream) -> Info {
+fn look_at_log(mut log: Stream) -> Result<Info, Error> {
     let mut info = Info { kind: "log", ..Info::default() };
     let (mut frames, mut bad, mut missing, mut profiles) = (0, 0, 0, 0);
     let mut span: Option<(DeviceTime, DeviceTime)> = None;
@@ -150,6 +151,7 @@ fn look_at_log(mut log: Stream) -> Info {
             Item::Damage(error) => info.damage.push(error.to_string()),
         }
     }
+    interrupt::check()?;
     for (name, count) in [("frames", frames), ("bad_frames", bad), ("missing_frames", missing), ("profiles", profiles)]
     {
         info.counters.insert(format!("link.{name}"), count);
@@ -160,7 +162,7 @@ fn look_at_log(mut log: Stream) -> Info {
         }
     }
     info.seconds = span.map_or(0.0, |(first, last)| last.since(first) as f64 * 1e-6);
-    info
+    Ok(info)
 }
 
 fn line_counters(line: &str, counters: &LineCounters, into: &mut BTreeMap<String, u64>) {

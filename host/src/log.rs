@@ -5,14 +5,16 @@
 //!
 //! [`Writer`] closes an MCAP chunk at the latest [`CHUNK_NS`] of receive time after its first frame and only ever appends, so a file cut at any
 //! byte lacks at most that much. [`Reader`] goes from the start to wherever the file ends, tells every damage with its place,
-//! finds the good frames within it, and goes on behind it.
+//! finds the good frames within it, and goes on behind it. [`Recording`] does so over all files of a recording.
 
+mod parts;
 mod reader;
 mod salvage;
 mod storage;
 mod writer;
 
 pub use crate::container::Error;
+pub use parts::{Parts, Recording};
 pub use reader::Reader;
 pub(crate) use storage::sync_folder;
 pub use storage::{Storage, is_being_written};

@@ -36,7 +36,7 @@ fn main() -> ExitCode {
         Ok(Outcome::Lost) => ExitCode::from(3),
         Err(error) if broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("crossfall: {}", line(&error));
+            eprintln!("crossfall: {}", commands::visible(&line(&error)));
             ExitCode::FAILURE
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! A file is written under a temporary name in its own folder and renamed by [`Output::commit`]. Dropped before that
 //! (an error, Ctrl-C) it is removed. What is not a regular file (`/dev/null`, a pipe) is written in place, since
-//! renaming would replace it.
+//! renaming would replace it. Once the user has asked to stop nothing is given its name: it may be half of what it should be.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
@@ -47,7 +47,7 @@ impl Output {
             Target::InPlace(BufWriter::new(OpenOptions::new().write(true).open(path).map_err(wrap)?))
         } else {
             // A link is followed, so that the file it names is replaced and not the link.
-            let to = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+            let to = followed(path).map_err(wrap)?;
             free(&to).map_err(wrap)?;
             let name = to.file_name().ok_or_else(|| wrap(io::Error::other("the path names no file")))?;
             let folder = match to.parent() {
@@ -81,9 +81,12 @@ impl Output {
     /// Brings the bytes to the disk and gives the file its name.
     ///
     /// # Errors
-    /// When the last bytes cannot be written, or the file not be renamed; it is removed then.
+    /// When the last bytes cannot be written, the file not be renamed, or the user has asked to stop; it is removed then.
     pub fn commit(self) -> Result<(), Error> {
         let Self { path, target } = self;
+        if crate::interrupt::requested() {
+            return Err(Error { path, source: io::Error::other("interrupted") });
+        }
         let finish = || -> io::Result<()> {
             match target {
                 Target::Renamed { file, to } => {
@@ -99,6 +102,23 @@ impl Output {
         };
         finish().map_err(|source| Error { path, source })
     }
+}
+
+/// Links that lead from one to the next at most, as on Linux.
+const LINKS: usize = 40;
+
+/// The file that a path names, also through links to one that is not there yet.
+fn followed(path: &Path) -> io::Result<PathBuf> {
+    if let Ok(real) = fs::canonicalize(path) {
+        return Ok(real);
+    }
+    let mut to = path.to_path_buf();
+    for _ in 0..LINKS {
+        let Ok(target) = fs::read_link(&to) else { return Ok(to) };
+        // What a link names is seen from its own folder.
+        to = to.parent().unwrap_or(Path::new("")).join(target);
+    }
+    Err(io::Error::other("too many links that lead to each other"))
 }
 
 /// Refuses to take the name of a recording that is being written: it would go on in a file that has none.
@@ -185,6 +205,26 @@ mod tests {
         let error = Output::create(Path::new("/no/such/folder/a.mcap")).unwrap_err();
         assert!(error.to_string().starts_with("/no/such/folder/a.mcap: cannot write: "), "{error}");
         assert!(!error.to_string().contains(".part"), "{error}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_stays_one_whether_its_file_is_there_or_not() {
+        use std::os::unix::fs::symlink;
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::create_dir(at("far")).unwrap();
+        symlink("far/b", at("a")).unwrap();
+        symlink("c", at("far/b")).unwrap();
+        for contents in [b"new".as_slice(), b"newer"] {
+            write(&at("a"), contents).unwrap();
+            assert!(fs::symlink_metadata(at("a")).unwrap().is_symlink());
+            assert!(fs::symlink_metadata(at("far/b")).unwrap().is_symlink());
+            assert_eq!(fs::read(at("far/c")).unwrap(), contents);
+        }
+        symlink("round", at("round")).unwrap();
+        assert!(write(&at("round"), b"").unwrap_err().to_string().contains("links"));
+        assert!(fs::symlink_metadata(at("round")).unwrap().is_symlink());
     }
 
     #[cfg(unix)]

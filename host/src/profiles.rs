@@ -221,7 +221,6 @@ pub struct Rows {
     track: Track,
     ready: VecDeque<Row>,
     damage: u64,
-    offset: u64,
 }
 
 impl Rows {
@@ -230,7 +229,7 @@ impl Rows {
     /// # Errors
     /// As of [`Stream::open`].
     pub fn open(path: &Path) -> Result<Self, Error> {
-        Ok(Self { stream: Stream::open(path)?, track: Track::default(), ready: VecDeque::new(), damage: 0, offset: 0 })
+        Ok(Self { stream: Stream::open(path)?, track: Track::default(), ready: VecDeque::new(), damage: 0 })
     }
 
     /// Damaged parts, broken frames and gaps passed so far.
@@ -239,10 +238,10 @@ impl Rows {
         self.damage
     }
 
-    /// How far the file has been read, in bytes.
+    /// How far the log has been read, in bytes of all its files.
     #[must_use]
     pub fn offset(&self) -> u64 {
-        self.offset
+        self.stream.reached()
     }
 }
 
@@ -251,8 +250,7 @@ impl Iterator for Rows {
 
     fn next(&mut self) -> Option<Row> {
         while self.ready.is_empty() {
-            let (place, item) = self.stream.next()?;
-            self.offset = place.offset;
+            let (_, item) = self.stream.next()?;
             let Item::Message { message, gap } = item else {
                 self.damage += 1;
                 continue;

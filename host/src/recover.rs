@@ -181,15 +181,13 @@ impl Recovery {
     fn file(&mut self, file: &Path, mut progress: impl FnMut(u64)) -> Result<(), Error> {
         let mut reader = log::Reader::open(file)?;
         while let Some(item) = reader.next() {
-            if crate::interrupt::requested() {
-                return Err(Error::Interrupted);
-            }
             match item {
                 Ok(frame) => {
                     progress(frame.offset);
                     self.frame(file, &frame, reader.unread())?;
                 }
-                Err(error @ (Damage::Io { .. } | Damage::Interrupted)) => return Err(error.into()),
+                Err(Damage::Interrupted) => return Err(Error::Interrupted),
+                Err(error @ Damage::Io { .. }) => return Err(error.into()),
                 Err(error) => self.damage(file, &error, &reader),
             }
         }

@@ -44,7 +44,7 @@ pub struct Summary {
     pub status: Status,
     /// Device time from the first chunk to the last byte, in seconds.
     pub seconds: f64,
-    /// Damage of the capture, in words, and how many more there were than are kept here.
+    /// Damage of the capture, in words: at most one for each of its MCAP records.
     pub damage: Vec<String>,
     /// Whether it was asked to stop early.
     pub interrupted: bool,

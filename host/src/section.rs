@@ -5,6 +5,7 @@ use std::path::Path;
 use crossfall_core::protocol::message::{Message, Profile, Side, Slope};
 
 use crate::container::Error;
+use crate::interrupt;
 use crate::profiles::degrees;
 use crate::walk::Walk;
 
@@ -145,7 +146,9 @@ pub fn local_slopes(points: &[Place], window_m: f64) -> Vec<(f64, f64)> {
 pub fn of_scan(path: &Path, number: u32) -> Result<Option<Section>, Error> {
     let mut walk = Walk::open(path)?;
     let wanted = |message: &Message<'_>| matches!(message, Message::Profile(profile) if profile.scan == number);
-    Ok(walk.next(|message, _| wanted(message)).map(|step| step.section()))
+    let found = walk.next(|message, _| wanted(message)).map(|step| step.section());
+    interrupt::check()?;
+    Ok(found)
 }
 
 #[cfg(test)]

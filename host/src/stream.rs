@@ -2,7 +2,7 @@
 //!
 //! One record of a log is one frame as received; whatever is wrong with one record stays within it. A recording of several files is read as one.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use crossfall_core::protocol::frame::{DELIMITER, Event, Fault, Gap, HostDecoder, Sequence};
@@ -50,9 +50,7 @@ pub enum Item<'a> {
 /// Reads a log message by message, in memory that does not grow.
 #[derive(Debug)]
 pub struct Stream {
-    reader: log::Reader,
-    /// Files that follow.
-    next: VecDeque<PathBuf>,
+    files: log::Recording,
     decoder: HostDecoder,
     sequence: Sequence,
     place: Place,
@@ -62,46 +60,44 @@ pub struct Stream {
 }
 
 impl Stream {
-    /// Opens a log.
+    /// Opens a log, with the files that follow it when it is the first of a recording of several (see [`log::Parts`]).
     ///
     /// # Errors
     /// As of [`log::Reader::open`].
     pub fn open(path: &Path) -> Result<Self, Error> {
-        Self::over(log::Reader::open(path)?, VecDeque::new())
+        Ok(Self::over(log::Recording::open(path)?))
     }
 
-    /// Opens the files of one recording, in their order. Those behind the first are opened when their turn comes; one that cannot be is a damage.
+    /// Opens these files of one recording and no others, in this order. Those behind the first are opened when their turn comes; one that cannot be is a damage.
     ///
     /// # Errors
     /// As of [`log::Reader::open`], of the first.
     pub fn open_all(first: &Path, others: &[PathBuf]) -> Result<Self, Error> {
-        Self::over(log::Reader::open(first)?, others.iter().cloned().collect())
+        Ok(Self::over(log::Recording::open_all(first, others)?))
     }
 
-    fn over(reader: log::Reader, next: VecDeque<PathBuf>) -> Result<Self, Error> {
-        Ok(Self {
-            reader,
-            next,
+    fn over(files: log::Recording) -> Self {
+        Self {
+            files,
             decoder: HostDecoder::new(),
             sequence: Sequence::new(),
             place: Place::default(),
             frames: 0,
             record: Vec::new(),
             taken: 0,
-        })
+        }
     }
 
-    /// The log's metadata, as far as it has been read.
+    /// Metadata of the file under way, as far as it has been read.
     #[must_use]
     pub fn metadata(&self) -> &BTreeMap<String, BTreeMap<String, String>> {
-        self.reader.metadata()
+        self.files.metadata()
     }
 
-    /// Goes on in the next file, which there is.
-    fn open_next(&mut self, path: &Path) -> Result<(), Error> {
-        self.place = Place { file: self.place.file + 1, offset: 0, ..self.place };
-        self.reader = log::Reader::open(path)?;
-        Ok(())
+    /// How far the recording has been read, in bytes of all its files.
+    #[must_use]
+    pub fn reached(&self) -> u64 {
+        self.files.before() + self.place.offset
     }
 
     /// Records read so far.
@@ -110,24 +106,22 @@ impl Stream {
         self.frames
     }
 
-    /// The next item; a lending iterator, as messages borrow from the frame.
+    /// The next item; a lending iterator, as messages borrow from the frame. It ends early when the user asks to stop: [`check`](crate::interrupt::check) tells.
     #[expect(clippy::should_implement_trait, reason = "an iterator cannot lend")]
     pub fn next(&mut self) -> Option<(Place, Item<'_>)> {
         while self.taken >= self.record.len() {
-            let Some(read) = self.reader.next() else {
-                let path = self.next.pop_front()?;
-                if let Err(error) = self.open_next(&path) {
-                    return Some((Place { frame: self.frames, ..self.place }, Item::Damage(error)));
-                }
-                continue;
-            };
+            let read = self.files.next()?;
+            let file = self.files.file();
+            if file != self.place.file {
+                self.place = Place { file, offset: 0, ..self.place };
+            }
             match read {
+                Err(Error::Interrupted) => return None,
                 Err(error) => {
                     let place = Place { offset: error.offset().unwrap_or(self.place.offset), ..self.place };
                     return Some((Place { frame: self.frames, ..place }, Item::Damage(error)));
                 }
                 Ok(log::Frame { offset, receive_ns, bytes }) => {
-                    let Place { file, .. } = self.place;
                     self.place = Place { file, frame: self.frames, offset, receive_ns, sequence: None };
                     self.frames += 1;
                     self.record = bytes;
@@ -180,6 +174,6 @@ impl Stream {
     /// Bytes of damaged places of the file under way that gave no frame, so far.
     #[must_use]
     pub fn unread(&self) -> u64 {
-        self.reader.unread()
+        self.files.unread()
     }
 }

@@ -20,6 +20,7 @@ use crossfall_core::protocol::{Config, schema};
 use serde::Serialize;
 
 use crate::container::Error;
+use crate::interrupt;
 use crate::log::metadata;
 use crate::stream::{Item, Place, Stream};
 use beside::{Beside, Verdict};
@@ -47,6 +48,8 @@ pub struct Problem {
 pub struct Report {
     /// Whether nothing at all is wrong and every profile was recomputed.
     pub ok: bool,
+    /// The files that were read, in their order.
+    pub files: Vec<PathBuf>,
     /// Frames in the log, good or bad.
     pub frames: u64,
     /// Frames that do not decode.
@@ -71,10 +74,10 @@ pub struct Report {
     pub problem_count: u64,
 }
 
-/// Verifies a log. `progress` is told the number of the file (0) and the offset reached in it.
+/// Verifies a log: this file alone, whatever follows it. `progress` is told the offset reached in it.
 ///
 /// # Errors
-/// When the file cannot be opened or is no log at all; damage within it is part of the report.
+/// When the file cannot be opened or is no log at all, or the user asks to stop; damage within it is part of the report.
 pub fn verify(path: &Path, mut progress: impl FnMut(u64)) -> Result<Report, Error> {
     verify_all(path, &[], |_, offset| progress(offset))
 }
@@ -83,7 +86,7 @@ pub fn verify(path: &Path, mut progress: impl FnMut(u64)) -> Result<Report, Erro
 /// offset reached in it.
 ///
 /// # Errors
-/// When the first file cannot be opened or is no log at all.
+/// When the first file cannot be opened or is no log at all, or the user asks to stop.
 pub fn verify_all(first: &Path, others: &[PathBuf], mut progress: impl FnMut(usize, u64)) -> Result<Report, Error> {
     let mut stream = Stream::open_all(first, others)?;
     let name = |file: usize| match file.checked_sub(1) {
@@ -108,6 +111,8 @@ pub fn verify_all(first: &Path, others: &[PathBuf], mut progress: impl FnMut(usi
         (report.profiles_reproduced, report.profiles_unverifiable) = (reproduced, unverifiable);
         report.ok = report.problem_count == 0 && reproduced + joined == report.profiles;
     });
+    interrupt::check()?;
+    report.files = std::iter::once(first).chain(others.iter().map(PathBuf::as_path)).map(Path::to_path_buf).collect();
     Ok(report)
 }
 

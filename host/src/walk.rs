@@ -29,7 +29,6 @@ pub struct Walk {
     room: RawScan,
     damage: u64,
     unmatched: u64,
-    offset: u64,
 }
 
 /// A scan as it was sent, its ranges still in their code.
@@ -69,7 +68,6 @@ impl Walk {
             room: RawScan::EMPTY,
             damage: 0,
             unmatched: 0,
-            offset: 0,
         })
     }
 
@@ -85,18 +83,17 @@ impl Walk {
         self.unmatched
     }
 
-    /// How far the file has been read, in bytes.
+    /// How far the log has been read, in bytes of all its files.
     #[must_use]
     pub fn offset(&self) -> u64 {
-        self.offset
+        self.stream.reached()
     }
 
-    /// The next profile that is wanted. `see` is shown every message on the way, the profile's own included, and says of a profile whether it is
+    /// The next profile that is wanted; none at the end, or when the user asks to stop (`interrupt::check` tells). `see` is shown every message on the way, the profile's own included, and says of a profile whether it is
     /// wanted; what it says of other messages does not matter.
     pub fn next(&mut self, mut see: impl FnMut(&Message<'_>, &Track) -> bool) -> Option<Step<'_>> {
         let profile = loop {
-            let (place, item) = self.stream.next()?;
-            self.offset = place.offset;
+            let (_, item) = self.stream.next()?;
             let Item::Message { message, gap } = item else {
                 self.damage += 1;
                 continue;

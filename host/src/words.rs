@@ -13,6 +13,7 @@ pub use defmt_decoder::Table;
 use serde::Serialize;
 
 use crate::container::Error;
+use crate::interrupt;
 use crate::stream::{Item, Stream};
 
 /// One line.
@@ -79,7 +80,7 @@ pub fn table(image: &Path) -> Result<Table, ImageError> {
 /// Reads the lines of a log in their order; `out` gets each, until it fails.
 ///
 /// # Errors
-/// When the log cannot be opened, or what `out` fails with.
+/// When the log cannot be opened, what `out` fails with, or when the user asks to stop.
 pub fn read<E: From<Error>>(
     log: &Path,
     table: Option<&Table>,
@@ -129,5 +130,6 @@ pub fn read<E: From<Error>>(
         };
         out(line(log.time, level, false, String::from_utf8_lossy(log.text).into_owned()))?;
     }
+    interrupt::check()?;
     Ok(untold)
 }

@@ -4,6 +4,8 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
+use crossfall::log;
+
 fn crossfall(folder: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_crossfall"))
         .args(arguments)
@@ -92,4 +94,91 @@ fn a_run_over_faulty_lines_tells_what_they_cost_and_makes_a_right_log() {
     assert!(fs::read(folder.join("a.mcap")).unwrap() == fs::read(folder.join("b.mcap")).unwrap(), "by the seed");
     let (_, err) = ends(folder, &["run", "drive.mcap", "--faults", "fire=1", "-o", "c.mcap"], 2);
     assert!(err.contains("no such fault"), "{err}");
+}
+
+/// The drive's log again, as a recording in files of 100 kB: their number.
+fn rotated(folder: &Path) -> usize {
+    let options = log::Options { max_bytes: 100_000, ..log::Options::default() };
+    let mut writer = log::Writer::create_with(&folder.join("rot.log.mcap"), options).unwrap();
+    for frame in log::Reader::open(&folder.join("drive.log.mcap")).unwrap().map(Result::unwrap) {
+        writer.frame(frame.receive_ns, &frame.bytes).unwrap();
+    }
+    let parts = writer.parts() as usize;
+    writer.finish().unwrap();
+    parts
+}
+
+/// Who names the first file of a recording means the drive, whatever is done with it.
+#[test]
+fn the_first_file_of_a_recording_is_the_drive_in_every_command() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    ends(folder, &["simulate", "--seconds", "12", "-o", "drive.mcap"], 0);
+    ends(folder, &["run", "drive.mcap", "-o", "drive.log.mcap"], 0);
+    let parts = rotated(folder);
+    assert!(parts >= 3, "{parts}");
+    let whole = ends(folder, &["profiles", "drive.log.mcap"], 0).0;
+    let (table, err) = ends(folder, &["profiles", "rot.log.mcap"], 0);
+    assert!(table == whole && err.contains(&format!("rot.log.mcap: {parts} files, read as one drive")), "{err}");
+    let (out, _) = ends(folder, &["verify", "rot.log.mcap"], 0);
+    let said = ends(folder, &["verify", "drive.log.mcap"], 0).0;
+    assert_eq!(out, format!("{parts} files, {said}"));
+    let (out, _) = ends(folder, &["verify", "rot.log.mcap", "--json"], 0);
+    let verdict: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(verdict["files"].as_array().unwrap().len(), parts);
+    for command in [
+        &["report", "rot.log.mcap", "-o", "rot.html"] as &[&str],
+        &["cloud", "rot.log.mcap", "-o", "rot.laz"],
+        &["export", "rot.log.mcap", "--foxglove", "rot.fox.mcap"],
+        &["recover", "rot.log.mcap", "-o", "one.log.mcap"],
+    ] {
+        let (_, err) = ends(folder, command, 0);
+        assert!(err.contains(" files, read as one drive"), "{err}");
+    }
+    assert!(ends(folder, &["verify", "one.log.mcap"], 0).0 == said);
+    let numbers = |file: &str| {
+        let info: serde_json::Value = serde_json::from_str(&ends(folder, &["info", file, "--json"], 0).0).unwrap();
+        (info["scans"].clone(), info["seconds"].clone())
+    };
+    assert_eq!(numbers("rot.log.mcap"), numbers("drive.log.mcap"));
+    // All files named: still one drive, in a data set and elsewhere.
+    let all: Vec<String> =
+        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    let mut all: Vec<&str> = all.iter().map(String::as_str).filter(|name| name.starts_with("rot.log.")).collect();
+    all.sort_unstable();
+    assert_eq!(all.len(), parts);
+    let (_, err) = ends(folder, &[&["profiles"], &all[..], &["--road", "A", "-o", "set/"]].concat(), 0);
+    assert_eq!(err.matches(" rows").count(), 1, "{err}");
+    // A file of the middle is itself and no more.
+    let (_, err) = ends(folder, &["profiles", "rot.log.part0002.mcap", "--summary"], 0);
+    assert!(err.contains("is file 2 of a recording and read alone; it follows rot.log.mcap"), "{err}");
+    // One that is gone is told, and lost.
+    fs::remove_file(folder.join("rot.log.part0002.mcap")).unwrap();
+    for command in [
+        &["profiles", "rot.log.mcap", "-o", "rot.csv"] as &[&str],
+        &["verify", "rot.log.mcap"],
+        &["info", "rot.log.mcap"],
+        &["recover", "rot.log.mcap", "-o", "two.log.mcap"],
+    ] {
+        let (_, err) = ends(folder, command, 3);
+        assert!(err.contains("rot.log.part0002.mcap: is missing; "), "{err}");
+    }
+}
+
+/// What a file says of its board is text to be read, not to be obeyed by a terminal.
+#[test]
+fn control_characters_of_a_log_do_not_reach_the_terminal() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let mut writer = log::Writer::create(&folder.join("a.mcap")).unwrap();
+    let board = ("board".to_owned(), "\x1b]0;other\x07 board\u{9b}2J".to_owned());
+    writer.metadata(log::metadata::IDENTITY, [board.clone()].into()).unwrap();
+    writer.frame(1, b"\x01\x00").unwrap();
+    writer.finish().unwrap();
+    let (out, err) = ends(folder, &["info", "a.mcap"], 0);
+    assert!(out.contains(r"\u{1b}]0;other\u{7} board\u{9b}2J"), "{out}");
+    assert!(!(out + &err).contains(|c: char| c.is_control() && c != '\n'));
+    let (out, _) = ends(folder, &["info", "a.mcap", "--json"], 0);
+    let info: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(info["about"]["identity.board"].as_str(), Some(&*board.1));
 }

@@ -5,6 +5,7 @@ use crossfall_core::protocol::message::{Pose, flags};
 use super::ground::{Ground, Residual};
 use super::statistics::HighPass;
 use super::{Drive, Estimate, LEAST_SCANS, Refusal, Sample, Surface, drift, statistics};
+use crate::interrupt;
 use crate::profiles::degrees;
 
 /// The delay is refused when its standard error is above this: at ten degrees a second it is worth 0.005 degrees, a third of the unit's own error.
@@ -25,13 +26,14 @@ const PARKED_M_S: f64 = 0.1;
 /// Estimates offset and delay.
 ///
 /// # Errors
-/// [`Refusal::TooFew`] when there is too little to say anything.
+/// [`Refusal::TooFew`] when there is too little to say anything, [`Refusal::Log`] when the user asks to stop.
 pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample>), Refusal> {
     let stood = is_parked(&drive.poses);
     let parked = stood == Some(true);
     let ground = if parked { Ground::parked(drive) } else { Ground::new(drive) };
     let start_us = f64::from(drive.config.scanner.delay_us);
     let before = ground.residuals(start_us);
+    interrupt::check()?;
     let too_few = |usable: usize| Refusal::TooFew { usable, scans: drive.scans.len() };
     if before.len() < LEAST_SCANS {
         return Err(too_few(before.len()));
@@ -48,6 +50,7 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
         }
         delay_us = (delay_us + step_us).clamp(-200_000.0, 200_000.0);
         let points = ground.residuals(delay_us);
+        interrupt::check()?;
         if points.len() < LEAST_SCANS {
             return Err(too_few(points.len()));
         }
@@ -64,6 +67,7 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
         delay_us = start_us;
     }
     let after = ground.residuals(delay_us);
+    interrupt::check()?;
     let level = drift::mean(&after);
     let (true_slope, prior_se, said) = match surface {
         Surface::Known(degrees) => {

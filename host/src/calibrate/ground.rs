@@ -13,6 +13,7 @@ use crossfall_core::protocol::{DeviceTime, config};
 use crossfall_core::scan::{self, Points, RawScan};
 
 use super::{Drive, Sample};
+use crate::interrupt;
 use crate::profiles::degrees;
 
 /// Points this far to either side belong to the ground under the sensor, in metres.
@@ -103,11 +104,14 @@ impl<'a> Ground<'a> {
         })
     }
 
-    /// The residual of every scan that has ground and attitude.
+    /// The residual of every scan that has ground and attitude; of fewer when the user asks to stop.
     pub fn residuals(&self, delay_us: f64) -> Vec<Residual> {
         let mut points = Points::new();
         let mut found = Vec::with_capacity(self.drive.scans.len());
         for (number, scan) in self.drive.scans.iter().enumerate() {
+            if interrupt::requested() {
+                break;
+            }
             let mut at = |delay_us: f64| {
                 // The core's delay is whole microseconds.
                 let delay_us = delay_us.round() as i32;

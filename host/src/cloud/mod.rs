@@ -179,9 +179,6 @@ pub fn write(logs: &[PathBuf], format: Format, to: &Path, mut progress: impl FnM
             steps += 1;
             if steps.is_multiple_of(512) {
                 progress(number, offset);
-                if interrupt::requested() {
-                    return Err(container::Error::Interrupted.into());
-                }
             }
             let Some(place) = step.position.geodetic else {
                 made.unplaced += 1;
@@ -205,6 +202,7 @@ pub fn write(logs: &[PathBuf], format: Format, to: &Path, mut progress: impl FnM
                 made.classes[class] += 1;
             }
         }
+        interrupt::check()?;
         made.damage += walk.damage() + walk.unmatched();
     }
     let (_, sink) = sink.ok_or(Error::Nowhere)?;

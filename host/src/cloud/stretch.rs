@@ -6,8 +6,8 @@ use crossfall_core::protocol::message::Message;
 
 use super::{Class, Error, Room};
 use crate::geodesy::Utm;
+use crate::interrupt;
 use crate::walk::Walk;
-use crate::{container, interrupt};
 
 /// Metres forward, to the left and up from the scanner's first place on the stretch, forward being its heading there.
 pub type Local = [f64; 3];
@@ -49,9 +49,6 @@ impl Stretch {
             let Message::Profile(profile) = message else { return false };
             track.at(profile.time).station_m.is_some_and(|station| (from_m..to_m).contains(&station))
         }) {
-            if interrupt::requested() {
-                return Err(container::Error::Interrupted.into());
-            }
             let Some(((place, turn), station_m)) =
                 step.position.geodetic.zip(step.position.turn).zip(step.position.station_m)
             else {
@@ -80,6 +77,7 @@ impl Stretch {
             stretch.returns.extend(returns);
             stretch.length_m = at_m;
         }
+        interrupt::check()?;
         Ok(stretch)
     }
 }

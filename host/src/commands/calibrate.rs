@@ -13,7 +13,7 @@ use crossfall::plot::{self, Courses};
 use crossfall::{config, output};
 
 use super::plot::Theme;
-use super::{Outcome, distinct, say, say_json, tell};
+use super::{Outcome, distinct, drives, say, say_json, tell};
 
 /// Scans whose points are drawn.
 const DRAWN_SCANS: usize = 60;
@@ -53,12 +53,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         distinct(&args.logs.iter().map(PathBuf::as_path).collect::<Vec<_>>(), output)?;
     }
     let (mut estimates, mut first, mut damage) = (Vec::new(), None, 0);
-    for path in &args.logs {
+    let logs = drives::of(&args.logs);
+    for path in &logs {
         let drive = calibrate::read(path)?;
         let (found, samples) = calibrate::estimate(&drive, surface).with_context(|| path.display().to_string())?;
         damage += drive.damage;
         anyhow::ensure!(
-            args.logs.len() == 1 || found.parked,
+            logs.len() == 1 || found.parked,
             "{}: nothing tells that the vehicle stood; only rock tests can be joined",
             path.display()
         );
@@ -84,7 +85,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         draw_rock(&found, &samples, &folder.join("rock.svg"), args.theme.into())?;
         draw_ground(&drive, &found, &folder.join("ground.svg"), args.theme.into())?;
     }
-    let name = args.logs.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ");
+    let name = logs.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ");
     anyhow::ensure!(found.delay_determined, "{name}: the data cannot tell the delay");
     if let Some(path) = &args.output {
         let mut calibrated = drive.config;

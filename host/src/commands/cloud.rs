@@ -9,7 +9,7 @@ use anyhow::Context;
 use crossfall::cloud::{self, Class, Format};
 
 use super::progress::Progress;
-use super::{Outcome, distinct, say_json, tell};
+use super::{Outcome, distinct, drives, say_json, tell};
 
 /// Write the returns as a point cloud on the map (LAS, LAZ, PLY)
 #[derive(clap::Args)]
@@ -34,11 +34,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let format = Format::of(&args.output);
     let format = format
         .with_context(|| format!("{}: expected a name that ends in .las, .laz or .ply", args.output.display()))?;
-    let inputs: Vec<&Path> = args.logs.iter().map(PathBuf::as_path).collect();
+    let logs = drives::of(&args.logs);
+    let inputs: Vec<&Path> = logs.iter().map(PathBuf::as_path).collect();
     distinct(&inputs, &args.output)?;
-    let sizes: Vec<u64> = inputs.iter().map(|log| std::fs::metadata(log).map_or(0, |found| found.len())).collect();
+    let sizes: Vec<u64> = inputs.iter().map(|log| drives::size(log)).collect();
     let progress = Progress::new("cloud", sizes.iter().sum());
-    let made = cloud::write(&args.logs, format, &args.output, |log, offset| {
+    let made = cloud::write(&logs, format, &args.output, |log, offset| {
         progress.at(sizes.iter().take(log).sum::<u64>() + offset);
     })?;
     drop(progress);

@@ -17,7 +17,7 @@ use crossfall::output;
 use crossfall::plot::{self, Courses, Twice, Words};
 
 use super::plot::Theme;
-use super::{Outcome, say, say_json, tell};
+use super::{Outcome, drives, say, say_json, tell};
 
 /// Hold drives against each other, against measurements by hand, or two inertial units of one drive
 #[derive(clap::Args)]
@@ -157,7 +157,8 @@ fn drives(args: &Args) -> anyhow::Result<Outcome> {
         over_m: args.over,
     };
     let measurements = args.manual.as_deref().map(manual::read).transpose()?;
-    let drives = args.files.iter().map(|path| Drive::read(path)).collect::<Result<Vec<_>, _>>()?;
+    let logs = drives::of(&args.files);
+    let drives = logs.iter().map(|path| Drive::read(path)).collect::<Result<Vec<_>, _>>()?;
     let repeated = repeat(&drives, &options);
     let by_hand: Vec<Manual> = measurements
         .iter()

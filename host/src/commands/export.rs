@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::progress::Progress;
-use super::{Outcome, distinct, tell};
+use super::{Outcome, distinct, drives, tell};
 
 /// Write a log for other viewers (Foxglove)
 #[derive(clap::Args)]
@@ -20,7 +20,8 @@ pub struct Args {
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     distinct(&[&args.log], &args.foxglove)?;
-    let progress = Progress::new("export", std::fs::metadata(&args.log).map_or(0, |metadata| metadata.len()));
+    drives::of(std::slice::from_ref(&args.log));
+    let progress = Progress::new("export", drives::size(&args.log));
     let made = crossfall::export::foxglove(&args.log, &args.foxglove, |offset| progress.at(offset))?;
     drop(progress);
     tell!("{}: {} profiles", args.foxglove.display(), made.profiles);

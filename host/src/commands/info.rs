@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::{Outcome, say, say_json, tell};
+use super::{Outcome, drives, say, say_json, tell};
 
 /// Look at a capture or a log
 #[derive(clap::Args)]
@@ -19,6 +19,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    drives::of(std::slice::from_ref(&args.file));
     let info = crossfall::info::look(&args.file)?;
     if args.json {
         say_json(&info)?;

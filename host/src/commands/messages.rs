@@ -3,10 +3,9 @@
 
 use std::path::PathBuf;
 
-use anyhow::Context;
 use crossfall::words;
 
-use super::{Outcome, say, tell};
+use super::{Outcome, drives, say, say_json_line, tell};
 
 /// What the board said in words
 #[derive(clap::Args)]
@@ -27,9 +26,10 @@ pub struct Args {
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let table = args.elf.as_deref().map(words::table).transpose()?;
+    drives::of(std::slice::from_ref(&args.log));
     let untold = words::read(&args.log, table.as_ref(), |line| -> anyhow::Result<()> {
         if args.json {
-            return Ok(say(&serde_json::to_string(&line).context("a line")?)?);
+            return say_json_line(&line);
         }
         let bench = if line.defmt { " (bench)" } else { "" };
         Ok(say(&format!("{:12.6} s  {:5} {}{bench}", line.device_time_us as f64 * 1e-6, line.level, line.text))?)

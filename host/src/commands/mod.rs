@@ -6,6 +6,7 @@ mod compare;
 mod completions;
 mod config;
 mod demo;
+mod drives;
 mod export;
 mod import;
 mod info;
@@ -25,6 +26,7 @@ mod risk;
 mod run;
 mod serve;
 mod simulate;
+mod terminal;
 mod terrain_scene;
 mod verify;
 
@@ -33,6 +35,8 @@ use std::path::{Path, PathBuf};
 
 use clap::{Parser, Subcommand};
 use crossfall_core::protocol::Config;
+
+pub use terminal::visible;
 
 /// Measures the slopes beside a road from a moving vehicle.
 ///
@@ -97,6 +101,14 @@ impl Outcome {
 
 impl Command {
     pub fn run(self) -> anyhow::Result<Outcome> {
+        // These end whole and well by Ctrl-C.
+        let endless = matches!(self, Self::Record(_) | Self::Serve(_) | Self::Monitor(_));
+        let outcome = self.carry_out()?;
+        anyhow::ensure!(endless || !crossfall::interrupt::requested(), "interrupted");
+        Ok(outcome)
+    }
+
+    fn carry_out(self) -> anyhow::Result<Outcome> {
         match self {
             Self::Demo(args) => demo::run(&args),
             Self::Simulate(args) => simulate::run(&args),
@@ -130,8 +142,12 @@ fn configuration(file: Option<&Path>) -> anyhow::Result<Config> {
     Ok(file.map(crossfall::config::read).transpose()?.unwrap_or_default())
 }
 
-/// Prints data. Unlike `print!` it does not panic when nobody reads on.
+/// Prints data for people. Unlike `print!` it does not panic when nobody reads on.
 fn say(text: &str) -> io::Result<()> {
+    put(&visible(text))
+}
+
+fn put(text: &str) -> io::Result<()> {
     let mut out = io::stdout().lock();
     out.write_all(text.as_bytes())?;
     out.write_all(b"\n")?;
@@ -140,7 +156,12 @@ fn say(text: &str) -> io::Result<()> {
 
 /// Prints data for machines.
 fn say_json(value: &impl serde::Serialize) -> anyhow::Result<()> {
-    Ok(say(&serde_json::to_string_pretty(value)?)?)
+    Ok(put(&serde_json::to_string_pretty(value)?)?)
+}
+
+/// Prints one of many lines of data for machines.
+fn say_json_line(value: &impl serde::Serialize) -> anyhow::Result<()> {
+    Ok(put(&serde_json::to_string(value)?)?)
 }
 
 /// Tells the user something that is not data.
@@ -148,7 +169,7 @@ macro_rules! tell {
     ($($arg:tt)*) => {{
         use std::io::Write;
         // A closed stderr must not end the work.
-        let _ = writeln!(std::io::stderr(), $($arg)*);
+        let _ = writeln!(std::io::stderr(), "{}", $crate::commands::visible(&format!($($arg)*)));
     }};
 }
 use tell;

@@ -16,7 +16,7 @@ use crossfall::section::Section;
 use crossfall::{output, section};
 
 use super::progress::Progress;
-use super::{Outcome, tell};
+use super::{Outcome, drives, tell};
 
 /// Metres of road in the picture of the cloud.
 const VIEW_M: f64 = 60.0;
@@ -79,26 +79,28 @@ impl From<Theme> for plot::Theme {
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     std::fs::create_dir_all(&args.output).with_context(|| args.output.display().to_string())?;
-    let mut drives = Vec::new();
-    for log in &args.logs {
-        let progress = Progress::new("read", std::fs::metadata(log).map_or(0, |metadata| metadata.len()));
+    let logs = drives::of(&args.logs);
+    let mut read = Vec::new();
+    for log in &logs {
+        let progress = Progress::new("read", drives::size(log));
         let drive = Drive::read(log, |offset| progress.at(offset))?;
         anyhow::ensure!(!drive.scans.is_empty(), "{}: the log has no profile", log.display());
-        drives.push(drive);
+        read.push(drive);
     }
-    let (first, log) = (&drives[0], &args.logs[0]);
+    let drives = read;
+    let (first, log) = (&drives[0], &logs[0]);
     let number = match args.station {
         Some(station) => at_station(first, station).with_context(|| format!("{}: no station known", log.display()))?,
         None => args.scan.unwrap_or_else(|| typical(first)),
     };
     let canvas = Canvas { folder: &args.output, format: args.format, theme: args.theme.into() };
-    let mut paths = slopes(&canvas, &drives, &names(&args.logs), &Default::default())?;
+    let mut paths = slopes(&canvas, &drives, &names(&logs), &Default::default())?;
     let found = one_section(&canvas, log, number, &mut paths)?;
     let title = format!("Variation of the slope along the section of scan {number}");
     paths.extend(canvas.write(&format!("variation-{number}"), &plot::variation(&found, &title, canvas.theme)?)?);
     paths.extend(view(&canvas, log, first, number)?);
     if drives.len() > 1 {
-        paths.extend(runs(&canvas, args, &drives, number, found)?);
+        paths.extend(runs(&canvas, &logs, &drives, number, found)?);
     }
     if let Some(truth) = &args.truth {
         let kinds = errors(first, truth)?;
@@ -216,17 +218,17 @@ pub fn slopes(canvas: &Canvas<'_>, drives: &[Drive], names: &[String], truth: &T
 /// Draws the returns of all runs nearest to a scan of the first.
 fn runs(
     canvas: &Canvas<'_>,
-    args: &Args,
+    logs: &[PathBuf],
     drives: &[Drive],
     number: u32,
     found: Section,
 ) -> anyhow::Result<Vec<PathBuf>> {
-    let names = names(&args.logs);
+    let names = names(logs);
     let place = drives[0].scans.iter().find(|scan| scan.number == number).map(|scan| scan.place);
     let place = place.filter(|place| place[0].is_finite());
-    let place = place.with_context(|| format!("{}: scan {number} has no position", args.logs[0].display()))?;
+    let place = place.with_context(|| format!("{}: scan {number} has no position", logs[0].display()))?;
     let mut list = vec![(names[0].clone(), found)];
-    for ((drive, log), name) in drives.iter().zip(&args.logs).zip(&names).skip(1) {
+    for ((drive, log), name) in drives.iter().zip(logs).zip(&names).skip(1) {
         let distance = |scan: &crossfall::drive::Scan| {
             let [east, north] = crossfall::geodesy::between(place, scan.place);
             east.hypot(north)

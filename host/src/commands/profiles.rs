@@ -17,7 +17,7 @@ use crossfall::table::{self, Format, Table};
 use crossfall::{fuse, interrupt};
 
 use super::progress::Progress;
-use super::{Outcome, distinct, say, say_json, tell};
+use super::{Outcome, distinct, drives, say, say_json, tell};
 
 /// Write the table of profiles (CSV, Parquet, GeoJSON), of one drive or of many
 #[derive(clap::Args)]
@@ -56,7 +56,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let folder = args.output.is_dir() || args.output.as_os_str().to_string_lossy().ends_with('/');
-    match &*args.logs {
+    match &*drives::of(&args.logs) {
         [up, down] if args.fuse => fused(args, up, down),
         _ if args.fuse => anyhow::bail!("--fuse takes two logs"),
         logs if folder => many(args, logs),
@@ -77,7 +77,7 @@ fn one(args: &Args, log: &Path) -> anyhow::Result<Outcome> {
             format!("{}: expected a name that ends in .csv, .parquet or .geojson", args.output.display())
         })?;
         distinct(&[log], &args.output)?;
-        let progress = Progress::new("profiles", size(log));
+        let progress = Progress::new("profiles", drives::size(log));
         let written = dataset::write(log, args.every, format, &args.output, |at| progress.at(at))?;
         drop(progress);
         tell!("{}: {} rows", args.output.display(), written.rows.unwrap_or_default());
@@ -93,7 +93,7 @@ fn fused(args: &Args, first: &Path, second: &Path) -> anyhow::Result<Outcome> {
     })?;
     distinct(&[first, second], &args.output)?;
     let read = |log: &Path| {
-        let progress = Progress::new("read", size(log));
+        let progress = Progress::new("read", drives::size(log));
         Drive::read(log, |at| progress.at(at))
     };
     let (one, other) = (read(first)?, read(second)?);
@@ -125,13 +125,13 @@ fn write_all<W: io::Write + Send>(stretches: &[fuse::Fused], format: Format, out
 fn many(args: &Args, logs: &[PathBuf]) -> anyhow::Result<Outcome> {
     let read: Vec<AtomicU64> = logs.iter().map(|_| AtomicU64::new(0)).collect();
     let (lost, failed) = (AtomicBool::new(false), AtomicBool::new(false));
-    let progress = Progress::new("profiles", logs.iter().map(|log| size(log)).sum());
+    let progress = Progress::new("profiles", logs.iter().map(|log| drives::size(log)).sum());
     let advance = |number: usize, at: u64| {
         read[number].store(at, Ordering::Relaxed);
         progress.at(read.iter().map(|at| at.load(Ordering::Relaxed)).sum());
     };
     let done = |number: usize, outcome: Result<Written, dataset::Error>| {
-        advance(number, size(&logs[number]));
+        advance(number, drives::size(&logs[number]));
         progress.aside(|| match outcome {
             Ok(written) => {
                 match written.rows {
@@ -170,10 +170,6 @@ fn losses(log: &Path, written: &Written) -> bool {
     written.damage > 0
 }
 
-fn size(path: &Path) -> u64 {
-    std::fs::metadata(path).map_or(0, |metadata| metadata.len())
-}
-
 /// The error within the table writer's: a closed pipe must be known as one.
 fn plain(error: Stopped) -> anyhow::Error {
     match error {
@@ -184,7 +180,7 @@ fn plain(error: Stopped) -> anyhow::Error {
 
 fn summary(log: &Path, json: bool) -> anyhow::Result<Outcome> {
     let mut rows = Rows::open(log)?;
-    let progress = Progress::new("summary", size(log));
+    let progress = Progress::new("summary", drives::size(log));
     let mut gather = Gather::new(Every { metres: MILE_M });
     let mut miles: Vec<Interval> = Vec::new();
     while let Some(row) = rows.next() {
@@ -193,6 +189,7 @@ fn summary(log: &Path, json: bool) -> anyhow::Result<Outcome> {
             progress.at(rows.offset());
         }
     }
+    interrupt::check()?;
     miles.extend(gather.finish());
     drop(progress);
     miles.sort_by(|a, b| a.from_m.total_cmp(&b.from_m).then(b.left.cmp(&a.left)));

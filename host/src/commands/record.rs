@@ -94,7 +94,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     };
     tell!("{output}: {}", line(&recorded));
     if parts > 1 {
-        tell!("{parts} files; `crossfall verify` and `recover` take them all, in their order");
+        tell!("{parts} files of one drive: every command takes them all when it is given the first");
     }
     if let Some(free) = full {
         tell!(

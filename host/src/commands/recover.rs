@@ -1,7 +1,8 @@
 //! `crossfall recover`: a whole, indexed log from a damaged one.
 //!
 //! Every frame that can be read or found in the damaged places goes into the new log, which is then read again and proved. What is lost is told
-//! exactly - frames, seconds, bytes, and where - and the exit status is 3 if anything is. Files of one recording given in their order become one log.
+//! exactly - frames, seconds, bytes, and where - and the exit status is 3 if anything is. A recording of several files, named by its first, becomes
+//! one log; of several that are named, these and no others.
 
 use std::fs;
 use std::path::PathBuf;
@@ -9,16 +10,16 @@ use std::path::PathBuf;
 use crossfall::recover::{Loss, Report, recover};
 
 use super::progress::Progress;
-use super::{Outcome, distinct, say, say_json, tell};
+use super::{Outcome, distinct, drives, say, say_json, tell};
 
 /// Rebuild a damaged log and tell exactly what is lost
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   crossfall recover torn.log.mcap -o drive.log.mcap
-  crossfall recover drive.log.mcap drive.log.part*.mcap -o whole.log.mcap")]
+  crossfall recover drive.log.mcap drive.log.part0003.mcap -o whole.log.mcap")]
 pub struct Args {
-    /// The log, or the files of one recording in their order
+    /// The log: the first file of a recording means them all; of several, these in this order
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
     /// The log to write
@@ -30,20 +31,24 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    let inputs: Vec<_> = args.logs.iter().map(PathBuf::as_path).collect();
+    let (logs, missing) = match &args.logs[..] {
+        [log] => drives::files(log),
+        given => (given.to_vec(), false),
+    };
+    let inputs: Vec<_> = logs.iter().map(PathBuf::as_path).collect();
     distinct(&inputs, &args.output)?;
     for log in inputs.iter().filter(|log| crossfall::log::is_being_written(log)) {
         tell!("{}: is being recorded: what is recovered ends with its last closed chunk", log.display());
     }
-    let sizes: Vec<u64> = args.logs.iter().map(|log| fs::metadata(log).map_or(0, |metadata| metadata.len())).collect();
+    let sizes: Vec<u64> = logs.iter().map(|log| fs::metadata(log).map_or(0, |metadata| metadata.len())).collect();
     let progress = Progress::new("recover", sizes.iter().sum());
-    let report = recover(&args.logs, &args.output, |file, offset| {
+    let report = recover(&logs, &args.output, |file, offset| {
         progress.at(sizes[..file].iter().sum::<u64>() + offset);
     })?;
     drop(progress);
     if args.json {
         say_json(&report)?;
-        return Ok(Outcome::lost_if(report.lost));
+        return Ok(Outcome::lost_if(report.lost || missing));
     }
     for loss in &report.losses {
         tell!("{}", line(loss));
@@ -62,7 +67,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         report.frames,
         report.seconds
     ))?;
-    Ok(Outcome::lost_if(report.lost))
+    Ok(Outcome::lost_if(report.lost || missing))
 }
 
 fn line(loss: &Loss) -> String {

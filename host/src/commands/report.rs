@@ -11,7 +11,7 @@ use crossfall::table::Format;
 use crossfall::{dataset, output, report};
 
 use super::progress::Progress;
-use super::{Outcome, distinct, tell};
+use super::{Outcome, distinct, drives, tell};
 
 /// Write the report of a drive: one self-contained HTML page
 #[derive(clap::Args)]
@@ -37,7 +37,8 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     distinct(&[&args.log], &args.output)?;
     let table = args.profiles.as_deref().map(|to| table(args, to)).transpose()?;
-    let progress = Progress::new("report", std::fs::metadata(&args.log).map_or(0, |metadata| metadata.len()));
+    drives::of(std::slice::from_ref(&args.log));
+    let progress = Progress::new("report", drives::size(&args.log));
     let (drive, written) = match table {
         None => (Drive::read(&args.log, |offset| progress.at(offset))?, None),
         Some((to, format)) => {

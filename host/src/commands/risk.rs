@@ -20,7 +20,7 @@ use crossfall::terrain::source::Source;
 use crossfall_core::terrain::{Decision, FrameReport, Refusal, TerrainConfig};
 
 use super::progress::Progress;
-use super::{Outcome, say, say_json, tell};
+use super::{Outcome, drives, say, say_json, tell};
 
 /// Elevation and driving risk maps (GeoTIFF, PNG, CSV of cells) from 3-D LiDAR frames
 #[derive(clap::Args)]
@@ -113,6 +113,7 @@ struct Summary {
 
 pub fn run(args: &Args) -> Result<Outcome> {
     let choices = Choices { poses: args.poses.clone(), world_points: args.world_points };
+    drives::of(std::slice::from_ref(&args.frames));
     let mut source = Source::open(&args.frames, &choices)?;
     if let (Some(last), Some(count)) = (args.at, source.frames())
         && last >= count

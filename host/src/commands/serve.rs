@@ -14,7 +14,7 @@ use crossfall::record::Device;
 use crossfall::serve::{Access, is_token, random_token, serve};
 
 use super::log_args::LogArgs;
-use super::{Outcome, tell};
+use super::{Outcome, drives, tell};
 
 /// Show a drive live in the browser and control the board
 #[derive(clap::Args)]
@@ -79,7 +79,10 @@ impl SourceArgs {
     pub fn start(&self, logs: Logs) -> anyhow::Result<Live> {
         let source = match (&self.device, &self.file) {
             (Some(device), _) => Source::Device(device.clone()),
-            (None, Some(file)) => Source::File(file.clone()),
+            (None, Some(file)) => {
+                drives::of(std::slice::from_ref(file));
+                Source::File(file.clone())
+            }
             (None, None) => anyhow::bail!("neither a file nor a device"),
         };
         let config = self.config.as_deref().map(crossfall::config::read).transpose()?;

@@ -1,14 +1,14 @@
 //! `crossfall verify`: proves a log.
 //!
 //! Frames whole and none missing, time going forward, the clock plausible, every profile recomputed bit for bit from the scans, poses and
-//! pulses of the log itself. What is wrong is told with the number of the frame and the offset in the file. Files of one recording, given in their
-//! order, are verified as the one stream that they are.
+//! pulses of the log itself. What is wrong is told with the number of the frame and the offset in the file. A recording of several files,
+//! named by its first, is verified as the one stream that it is; of several that are named, these and no others.
 
 use std::fs;
 use std::path::PathBuf;
 
 use super::progress::Progress;
-use super::{Outcome, say, say_json, tell};
+use super::{Outcome, drives, say, say_json, tell};
 
 /// Prove that a log is whole and its profiles are right
 #[derive(clap::Args)]
@@ -16,9 +16,9 @@ use super::{Outcome, say, say_json, tell};
 Examples:
   crossfall verify drive.log.mcap
   crossfall verify drive.log.mcap --json
-  crossfall verify drive.log.mcap drive.log.part*.mcap")]
+  crossfall verify drive.log.mcap drive.log.part0002.mcap")]
 pub struct Args {
-    /// The log, or the files of one recording in their order
+    /// The log: the first file of a recording means them all; of several, these in this order
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
     /// Print the verdict for machines
@@ -27,8 +27,12 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    let Some((first, others)) = args.logs.split_first() else { anyhow::bail!("no log to verify") };
-    let sizes: Vec<u64> = args.logs.iter().map(|log| fs::metadata(log).map_or(0, |metadata| metadata.len())).collect();
+    let logs = match &args.logs[..] {
+        [log] => drives::recording(log),
+        given => given.to_vec(),
+    };
+    let Some((first, others)) = logs.split_first() else { anyhow::bail!("no log to verify") };
+    let sizes: Vec<u64> = logs.iter().map(|log| fs::metadata(log).map_or(0, |metadata| metadata.len())).collect();
     let progress = Progress::new("verify", sizes.iter().sum());
     let report = crossfall::verify::verify_all(first, others, |file, offset| {
         progress.at(sizes[..file].iter().sum::<u64>() + offset);
@@ -52,8 +56,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     } else {
         format!("{same} of {all} profiles reproduced")
     };
+    let files = if logs.len() > 1 { format!("{} files, ", logs.len()) } else { String::new() };
     say(&format!(
-        "{} frames, {} bad, {} missing; {verdict}{}",
+        "{files}{} frames, {} bad, {} missing; {verdict}{}",
         report.frames,
         report.bad_frames,
         report.missing_frames,

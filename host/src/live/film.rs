@@ -205,7 +205,7 @@ impl<S: Scanner> CaptureFilm<S> {
 pub struct LogFilm {
     path: PathBuf,
     span_ns: (u64, u64),
-    reader: log::Reader,
+    reader: log::Recording,
     /// Absent only while it is at work.
     decoder: Option<Box<HostDecoder>>,
     sequence: Sequence,
@@ -231,7 +231,7 @@ impl LogFilm {
     fn open(path: &Path, config: Option<Config>) -> Result<Self, Error> {
         // Once through for its end: logs have no index.
         let mut span_ns: Option<(u64, u64)> = None;
-        for frame in log::Reader::open(path)?.flatten() {
+        for frame in log::Recording::open(path)?.flatten() {
             span_ns = Some((span_ns.map_or(frame.receive_ns, |(first, _)| first), frame.receive_ns));
         }
         let mut film = Self::at_start(path, span_ns.unwrap_or_default())?;
@@ -244,7 +244,7 @@ impl LogFilm {
         Ok(Self {
             path: path.to_path_buf(),
             span_ns,
-            reader: log::Reader::open(path)?,
+            reader: log::Recording::open(path)?,
             decoder: None,
             sequence: Sequence::new(),
             next: None,

@@ -14,6 +14,7 @@ use mcap::records::{Record, op};
 
 use super::{Error, Frame, TOPIC, WIRE_ID, salvage};
 use crate::container::{Container, Entry, Message};
+use crate::interrupt;
 
 /// Bytes of a stretch without structure that are looked at in one go.
 const WINDOW: usize = 1 << 16;
@@ -23,7 +24,7 @@ const MAX_BOOKKEEPING: u64 = 1 << 20;
 
 /// Reads a log from start to end.
 ///
-/// Errors are told where they occur; the frames behind them follow.
+/// Errors are told where they occur; the frames behind them follow, but for [`Error::Interrupted`], which ends it.
 #[derive(Debug)]
 pub struct Reader {
     container: Container,
@@ -45,6 +46,8 @@ pub struct Reader {
     /// Where the data section ends, and the CRC that it should have.
     data_end: Option<(u64, u32)>,
     done: bool,
+    /// Whether it was told that the user asked to stop.
+    stopped: bool,
 }
 
 /// Bytes that are searched for frames.
@@ -86,6 +89,7 @@ impl Reader {
             unread_before: 0,
             data_end: None,
             done: false,
+            stopped: false,
         };
         while reader.ready.is_empty() && !reader.done {
             reader.advance();
@@ -101,6 +105,16 @@ impl Reader {
     #[must_use]
     pub fn metadata(&self) -> &BTreeMap<String, BTreeMap<String, String>> {
         &self.metadata
+    }
+
+    /// The file's size in bytes.
+    pub(super) fn size(&self) -> u64 {
+        self.container.size()
+    }
+
+    /// Receive time of the first frame, as far as [`Reader::open`] came to one; before any is taken.
+    pub(super) fn begin_ns(&self) -> Option<u64> {
+        self.ready.iter().find_map(|item| item.as_ref().ok()).map(|message| message.log_time)
     }
 
     /// Bytes of damaged places that gave no frame, so far.
@@ -218,7 +232,10 @@ impl Reader {
     fn message(&mut self, entry: Entry) {
         let contents = self.container.contents(entry);
         let ours = contents.messages.iter().all(|message| Some(message.channel) == self.wire);
-        if self.foreign || (contents.error.is_none() && ours) {
+        let sound = ours && contents.error.is_none();
+        // A length that is wrong and fits the file would hide what follows in a message that is no frame.
+        let whole = |message: &Message| salvage::is_frame(&message.data);
+        if self.foreign || (sound && (self.container.goes_on() || contents.messages.iter().all(whole))) {
             let wire = self.wire;
             return self.keep(contents.messages.into_iter().filter(|message| Some(message.channel) == wire).collect());
         }
@@ -242,7 +259,7 @@ impl Reader {
             // Its list must fill it: channel, length of the list, the list.
             op::MESSAGE_INDEX => {
                 let list = body.get(2..).and_then(<[u8]>::first_chunk).map(|length| u32::from_le_bytes(*length));
-                list.is_some_and(|list| u64::from(list) + 6 == entry.length)
+                list.is_some_and(|list| u64::from(list) + 6 == entry.length) && salvage::frames(&body, 0, 0).is_empty()
             }
             op::HEADER..=op::DATA_END if mcap::parse_record(entry.opcode, &body).is_err() => false,
             // Also private records: allowed, and never written here.
@@ -267,8 +284,8 @@ impl Reader {
     /// Damage of the structure: the next chunk is looked for, and frames in between.
     fn go_on_behind(&mut self, error: Error) {
         let at = error.offset().unwrap_or_default();
-        let end = match self.container.resume() {
-            Ok(Some(next)) => next.max(at),
+        let end = match self.container.resume(at) {
+            Ok(Some(next)) => next,
             Ok(None) => {
                 self.container.close();
                 self.container.size()
@@ -396,6 +413,10 @@ impl Iterator for Reader {
     type Item = Result<Frame, Error>;
 
     fn next(&mut self) -> Option<Self::Item> {
+        if interrupt::requested() {
+            let told = std::mem::replace(&mut self.stopped, true);
+            return (!told).then_some(Err(Error::Interrupted));
+        }
         loop {
             if let Some(ready) = self.ready.pop_front() {
                 return Some(ready.map(|Message { offset, log_time, data, .. }| Frame {

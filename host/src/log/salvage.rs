@@ -43,7 +43,8 @@ pub fn frames(bytes: &[u8], base: u64, near_ns: u64) -> Vec<Message> {
             let (time, proved) = receive_time(bytes, place, end - place, near_ns);
             near_ns = time;
             found.push(Message {
-                offset: base + place.saturating_sub(HEAD) as u64,
+                // A frame without room for a head before it has the place where that would be, so that places rise and extents are true.
+                offset: (base + place as u64).saturating_sub(HEAD as u64),
                 channel: WIRE_ID,
                 log_time: time,
                 publish_time: if proved { time } else { DOUBTFUL },

@@ -236,3 +236,65 @@ fn a_recording_under_way_is_not_replaced() {
     assert!(!is_being_written(&path));
     Writer::create(&path).unwrap().finish().unwrap();
 }
+
+/// The head of a chunk without compression whose record has a body of so many bytes.
+fn chunk_head(length: u64) -> Vec<u8> {
+    let mut head = vec![mcap::records::op::CHUNK];
+    head.extend(length.to_le_bytes());
+    head.extend([0_u64, 0, 0].map(u64::to_le_bytes).concat());
+    head.extend([1_u32, 0].map(u32::to_le_bytes).concat());
+    head.extend((length - 40).to_le_bytes());
+    head
+}
+
+/// Chunks within chunks, each of which agrees with its header: what they hold is read once, with the outermost.
+#[test]
+fn chunks_within_each_other_are_read_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let written = good(&path, 19, Options::default());
+    let whole = fs::read(&path).unwrap();
+    let first = whole.windows(written[0].1.len()).position(|window| *window == written[0].1).unwrap() - 31;
+    let last = &written.last().unwrap().1;
+    let end = whole.windows(last.len()).rposition(|window| window == last).unwrap() + last.len();
+    for depth in [5, 100_000] {
+        let mut bytes = mcap::MAGIC.to_vec();
+        let all = mcap::MAGIC.len() + depth * 49 + end - first;
+        while bytes.len() < mcap::MAGIC.len() + depth * 49 {
+            bytes.extend(chunk_head((all - bytes.len() - 9) as u64));
+        }
+        bytes.extend(&whole[first..end]);
+        bytes.extend([0x70; 64]);
+        fs::write(&path, &bytes).unwrap();
+        let (frames, errors) = read(&path);
+        assert!(frames == written, "{depth}: {} frames", frames.len());
+        assert!(errors.len() <= 3, "{depth}: {} places told as damaged", errors.len());
+    }
+}
+
+/// Records within records that are not what they say, and a chunk in each: the search does not begin anew in each of them for ever.
+#[test]
+fn records_within_each_other_are_not_searched_again_and_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let written = good(&path, 19, Options::default());
+    let whole = fs::read(&path).unwrap();
+    let first = whole.windows(written[0].1.len()).position(|window| *window == written[0].1).unwrap() - 31;
+    let last = &written.last().unwrap().1;
+    let end = whole.windows(last.len()).rposition(|window| window == last).unwrap() + last.len();
+    let (count, step) = (10_000, 9 + 49);
+    let mut bytes = mcap::MAGIC.to_vec();
+    let all = mcap::MAGIC.len() + count * step + end - first;
+    for _ in 0..count {
+        let metadata = (all - bytes.len() - 9) as u64;
+        bytes.push(mcap::records::op::METADATA);
+        bytes.extend(metadata.to_le_bytes());
+        bytes.extend(chunk_head(40));
+    }
+    bytes.extend(&whole[first..end]);
+    bytes.extend([0x70; 64]);
+    fs::write(&path, &bytes).unwrap();
+    let (frames, errors) = read(&path);
+    assert!(frames == written, "{} frames", frames.len());
+    assert!(errors.len() < 100, "{} places told as damaged", errors.len());
+}

@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use mcap::records::{MessageHeader, Metadata};
 
+use super::parts::part_path;
 use super::storage::{self, Storage};
 use super::{CHUNK_NS, TOPIC, WIRE_ID, metadata};
 use crate::capture::unwritable;
@@ -240,14 +241,6 @@ impl Writer {
         }
         self.flush()
     }
-}
-
-/// `drive.log.mcap` -> `drive.log.part0002.mcap`: behind the first in the order of names.
-fn part_path(first: &Path, number: u32) -> PathBuf {
-    let extension = first.extension().unwrap_or_default().to_string_lossy().into_owned();
-    let extension =
-        if extension.is_empty() { format!("part{number:04}") } else { format!("part{number:04}.{extension}") };
-    first.with_extension(extension)
 }
 
 fn is_over(started_ns: u64, now_ns: u64, most_ns: u64) -> bool {

@@ -185,3 +185,59 @@ fn a_file_that_was_not_closed_has_an_open_end() {
     assert_eq!((report.lost, report.open_ends, report.frames), (true, 1, 90));
     assert_eq!((report.frames_lost, report.losses[0].frames), (0, None), "{report:?}");
 }
+
+/// Where chunk number `number` of a file begins, and the length of its record's body.
+fn chunk(file: &[u8], number: usize) -> (usize, usize) {
+    let mut at = mcap::MAGIC.len();
+    let mut chunks = std::iter::from_fn(|| {
+        loop {
+            let here = at;
+            let length = u64::from_le_bytes(file[here + 1..][..8].try_into().unwrap()) as usize;
+            at += 9 + length;
+            if file[here] == mcap::records::op::CHUNK {
+                return Some((here, length));
+            }
+        }
+    });
+    chunks.nth(number).unwrap()
+}
+
+/// A bit of a chunk's length and one of what it holds: the wrong length must neither hide the chunks behind it nor have them read twice. So must a length
+/// that is wrong together with the one within the chunk's header.
+#[test]
+fn a_wrong_length_and_a_wrong_payload_cost_the_frame_that_is_hit() {
+    let folder = Folder::new();
+    let sent = frames(200);
+    let path = folder.path("a.mcap");
+    write(&path, &sent);
+    let whole = fs::read(&path).unwrap();
+    let (at, length) = chunk(&whole, 3);
+    let inside = |frame: &&Vec<u8>| (at..at + length).contains(&place(&whole, frame));
+    let held: Vec<_> = sent.iter().filter(inside).collect();
+    assert!((20..30).contains(&held.len()));
+    for (bit, hit, both) in
+        (0..64).flat_map(|bit| [(bit, held[7], false), (bit, held[20], false), (bit, held[7], true)])
+    {
+        let mut bytes = whole.clone();
+        bytes[at + 1 + bit / 8] ^= 1 << (bit % 8);
+        if both {
+            bytes[at + 9 + 32 + bit / 8] ^= 1 << (bit % 8);
+        }
+        bytes[place(&whole, hit) + 4] ^= 0x04;
+        fs::write(&path, &bytes).unwrap();
+        let report = folder.recover("a.mcap");
+        let out = read(&folder.path("out.mcap"));
+        let good: Vec<_> = out.iter().filter(|frame| log_frame(frame)).collect();
+        // With both lengths too short the chunk ends within a frame, which nothing puts together again.
+        let torn = u64::from(both);
+        assert!(good.len() as u64 + 1 + torn >= 200, "bit {bit}, both {both}: {} frames", good.len());
+        let mut rest = sent.iter();
+        assert!(
+            good.iter().all(|frame| rest.any(|one| one == *frame)),
+            "bit {bit}, both {both}: twice, or out of order"
+        );
+        let Report { frames_lost, restarts, .. } = report;
+        let missing = 200 - good.len() as u64;
+        assert_eq!((report.lost, frames_lost, restarts), (true, missing, 0), "bit {bit}, both {both}: {report:?}");
+    }
+}

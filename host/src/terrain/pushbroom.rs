@@ -98,7 +98,10 @@ impl Drive {
     /// Places the next scan that has a position.
     fn scan(&mut self) -> Result<Option<(SensorPose, u64)>, Error> {
         loop {
-            let Some(step) = self.walk.next(|_, _| true) else { return Ok(None) };
+            let Some(step) = self.walk.next(|_, _| true) else {
+                crate::interrupt::check()?;
+                return Ok(None);
+            };
             let (Some(place), Some(turn)) = (step.position.geodetic, step.position.turn) else {
                 self.unplaced += 1;
                 continue;

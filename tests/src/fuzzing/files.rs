@@ -27,15 +27,24 @@ fn with_file(input: &[u8], read: impl FnOnce(&Path)) {
     });
 }
 
-/// Whatever the file holds: reading it ends, offsets lie within it, and no frame comes twice.
+/// Whatever the file holds: reading it ends, offsets lie within it, and no frame comes twice (in plain chunks each has a place of its own).
 pub fn log_reader(input: &[u8]) {
     with_file(input, |path| {
         let mut items = 0;
+        let packed = input.windows(4).any(|name| name == b"zstd") || input.windows(3).any(|name| name == b"lz4");
+        let mut last = 0;
         if let Ok(reader) = log::Reader::open(path) {
             for item in reader {
                 items += 1;
                 match item {
-                    Ok(frame) => assert!(frame.offset <= input.len() as u64),
+                    Ok(frame) => {
+                        assert!(frame.offset <= input.len() as u64);
+                        // What is no frame may be empty, and a frame in the very first bytes has no room for a record's head before it.
+                        if !packed && !frame.bytes.is_empty() && frame.offset > 0 {
+                            assert!(frame.offset > last, "a frame at {} behind one at {last}", frame.offset);
+                            last = frame.offset;
+                        }
+                    }
                     Err(error) => {
                         assert!(error.offset().is_none_or(|offset| offset <= input.len() as u64), "{error}");
                     }

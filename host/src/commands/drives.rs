@@ -1,0 +1,57 @@
+//! Which files are meant by the logs that a user names: the first file of a recording is the drive.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crossfall::log::Parts;
+
+use super::tell;
+
+/// The drives that are named. A file that belongs to another one of them is read with that and not once more. Tells how many files a drive has, and
+/// what is missing or left out.
+pub fn of(named: &[PathBuf]) -> Vec<PathBuf> {
+    // What is no log is found out by whoever reads it.
+    let recordings: Vec<Parts> = named.iter().map(|log| Parts::of(log).unwrap_or_default()).collect();
+    let followers: BTreeSet<PathBuf> =
+        recordings.iter().flat_map(|recording| recording.files.iter().skip(1)).map(|file| real(file)).collect();
+    let mut drives = Vec::new();
+    for (log, recording) in named.iter().zip(&recordings) {
+        if !followers.contains(&real(log)) {
+            told(log, recording);
+            drives.push(log.clone());
+        }
+    }
+    drives
+}
+
+/// The files of a drive, the missing ones among them.
+pub fn recording(log: &Path) -> Vec<PathBuf> {
+    let recording = Parts::of(log).unwrap_or_else(|_| Parts { files: vec![log.to_path_buf()], remarks: Vec::new() });
+    told(log, &recording);
+    recording.files
+}
+
+/// The files of a drive that are there, and whether one is missing.
+pub fn files(log: &Path) -> (Vec<PathBuf>, bool) {
+    let (there, missing): (Vec<_>, Vec<_>) = recording(log).into_iter().partition(|file| file == log || file.exists());
+    (there, !missing.is_empty())
+}
+
+/// Bytes of a drive, in all its files.
+pub fn size(log: &Path) -> u64 {
+    Parts::of(log).map_or_else(|_| fs::metadata(log).map_or(0, |metadata| metadata.len()), |files| files.bytes())
+}
+
+fn told(log: &Path, recording: &Parts) {
+    for remark in &recording.remarks {
+        tell!("{remark}");
+    }
+    if recording.files.len() > 1 {
+        tell!("{}: {} files, read as one drive", log.display(), recording.files.len());
+    }
+}
+
+fn real(path: &Path) -> PathBuf {
+    path.canonicalize().unwrap_or_else(|_| path.to_path_buf())
+}
