@@ -13,8 +13,7 @@ use crate::intervals::{Every, Gather};
 use crate::output::{self, Output};
 use crate::profiles::{Row, Rows};
 use crate::table::{self, Format, Table};
-use crate::track::LEAP_SECONDS;
-use crate::{container, interrupt};
+use crate::{container, interrupt, leap};
 
 /// What the Hive convention calls a partition of rows without a value.
 const NONE: &str = "__HIVE_DEFAULT_PARTITION__";
@@ -355,7 +354,7 @@ fn escaped(name: &str) -> String {
 /// The date in UTC of a second of a GPS week, by Hinnant's `civil_from_days`.
 pub(crate) fn date(week: u16, seconds: u64) -> String {
     // 1980-01-06 is day 3657 since 1970-01-01.
-    let days = 3_657 + (u64::from(week) * 604_800 + seconds).saturating_sub(LEAP_SECONDS) / 86_400;
+    let days = 3_657 + (u64::from(week) * 604_800 + seconds - leap::seconds(week, seconds)) / 86_400;
     let shifted = days + 719_468;
     let (era, day_of_era) = (shifted / 146_097, shifted % 146_097);
     let year_of_era = (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
@@ -373,9 +372,10 @@ mod tests {
 
     #[test]
     fn dates_are_those_of_the_calendar() {
-        // The start of GPS time; a leap day; the end of week 2400's Wednesday, 18 leap seconds apart from midnight.
-        assert_eq!(date(0, 18), "1980-01-06");
-        assert_eq!(date(1_051, 2 * 86_400 + 18), "2000-02-29");
+        // The start of GPS time; a leap day, 13 leap seconds apart from midnight; the end of week 2400's Wednesday, 18 apart.
+        assert_eq!(date(0, 0), "1980-01-06");
+        assert_eq!(date(1_051, 2 * 86_400 + 12), "2000-02-28");
+        assert_eq!(date(1_051, 2 * 86_400 + 13), "2000-02-29");
         assert_eq!(date(2_400, 259_200 + 17), "2026-01-06");
         assert_eq!(date(2_400, 259_200 + 18), "2026-01-07");
     }

@@ -8,7 +8,7 @@
 //! | `/location` | foxglove.LocationFix | where the scanner was |
 //! | `/profile` | crossfall.Profile | both sides' slopes, as in the table |
 //!
-//! Times are GPS time as Unix nanoseconds (GPS and UTC seconds told apart by 18 leap seconds) where it is known, else device time. Messages stream.
+//! Times are GPS time as Unix nanoseconds (UTC, less the leap seconds of its day) where it is known, else device time. Messages stream.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -21,12 +21,12 @@ use crate::geodesy::{Geodetic, between};
 use crate::output::{self, Output};
 use crate::profiles::sides;
 use crate::table::{Record, Value};
-use crate::track::{LEAP_SECONDS, Turn};
+use crate::track::Turn;
 use crate::walk::{Step, Walk};
-use crate::{container, interrupt};
+use crate::{container, interrupt, leap};
 
-/// Seconds from the Unix epoch to that of GPS, less the leap seconds since.
-const GPS_EPOCH_S: u64 = 315_964_800 - LEAP_SECONDS;
+/// Seconds from the Unix epoch to that of GPS.
+const GPS_EPOCH_S: u64 = 315_964_800;
 
 /// A log could not be exported.
 #[derive(Debug, thiserror::Error)]
@@ -159,7 +159,8 @@ pub fn foxglove(log: &Path, to: &Path, mut progress: impl FnMut(u64)) -> Result<
 fn unix_ns(step: &Step<'_>) -> u64 {
     match step.position.gps {
         Some((week, seconds)) => {
-            (GPS_EPOCH_S + u64::from(week) * 604_800) * 1_000_000_000 + (seconds * 1e9).round() as u64
+            let ahead = leap::seconds(week, seconds as u64);
+            (GPS_EPOCH_S + u64::from(week) * 604_800 - ahead) * 1_000_000_000 + (seconds * 1e9).round() as u64
         }
         None => step.profile.time.0.saturating_mul(1_000),
     }

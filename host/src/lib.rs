@@ -90,6 +90,7 @@ pub mod import;
 pub mod info;
 pub mod interrupt;
 pub mod intervals;
+pub mod leap;
 pub mod live;
 pub mod log;
 pub mod monitor;

@@ -8,7 +8,7 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use tempfile::NamedTempFile;
+use tempfile::TempPath;
 
 use crate::log::{is_being_written, sync_folder};
 
@@ -31,7 +31,12 @@ pub struct Output {
 
 #[derive(Debug)]
 enum Target {
-    Renamed { file: BufWriter<NamedTempFile>, to: PathBuf },
+    /// The file and its temporary name are held apart: together, they would put that name into every error.
+    Renamed {
+        file: BufWriter<File>,
+        part: TempPath,
+        to: PathBuf,
+    },
     InPlace(BufWriter<File>),
 }
 
@@ -64,10 +69,8 @@ impl Output {
                 // As for any new file: the umask takes its bits away. A temporary file alone would be private.
                 builder.permissions(fs::Permissions::from_mode(0o666));
             }
-            Target::Renamed {
-                file: BufWriter::new(builder.tempfile_in(folder).map_err(|e| wrap(bare(&e, folder)))?),
-                to,
-            }
+            let (file, part) = builder.tempfile_in(folder).map_err(|e| wrap(bare(&e, folder)))?.into_parts();
+            Target::Renamed { file: BufWriter::new(file), part, to }
         };
         Ok(Self { path: path.to_path_buf(), target })
     }
@@ -89,11 +92,11 @@ impl Output {
         }
         let finish = || -> io::Result<()> {
             match target {
-                Target::Renamed { file, to } => {
+                Target::Renamed { file, part, to } => {
                     let file = file.into_inner().map_err(|e| e.into_error())?;
-                    file.as_file().sync_data()?;
+                    file.sync_data()?;
                     free(&to)?;
-                    file.persist(&to).map_err(|e| e.error)?;
+                    part.persist(&to).map_err(|e| e.error)?;
                     sync_folder(&to)?;
                 }
                 Target::InPlace(mut file) => file.flush()?,

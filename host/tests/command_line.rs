@@ -255,22 +255,100 @@ fn a_reader_that_stops_reading_is_no_error() {
 
 #[cfg(unix)]
 #[test]
+fn a_disk_that_fills_up_on_the_way_leaves_nothing_and_no_temporary_name() {
+    let folder = drive();
+    let at = folder.path();
+    // A limit of the size of files, in blocks of 512 or 1024 bytes, fails a write in the midst of a file as a full disk does.
+    let limited = |blocks: u32, arguments: &[&str], expected: &str| {
+        let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" \"$@\"");
+        let output = Command::new("sh")
+            .args(["-c", &script, env!("CARGO_BIN_EXE_crossfall")])
+            .args(arguments)
+            .current_dir(at)
+            .output()
+            .unwrap();
+        let error = ends(&output, 1);
+        assert!(error.starts_with("crossfall: ") && error.contains(expected), "{error}");
+        assert!(error.contains("File too large") && !error.contains(".part"), "{error}");
+    };
+    limited(40, &["simulate", "--seconds", "5", "-o", "s.mcap"], "s.mcap: ");
+    limited(10, &["run", "drive.mcap", "-o", "s.log.mcap"], "s.log.mcap: ");
+    limited(400, &["simulate", "--terrain", "--seconds", "0.2", "-o", "frames"], "frames/velodyne/000000.bin: ");
+    assert_eq!(names(at), ["drive.mcap"]);
+}
+
+#[cfg(unix)]
+#[test]
 fn ctrl_c_leaves_nothing_half_written() {
+    use std::io::Read;
     let folder = tempfile::tempdir().unwrap();
-    let mut child = Command::new(env!("CARGO_BIN_EXE_crossfall"))
-        .args(["simulate", "--seconds", "80000", "-o", "long.mcap"])
-        .current_dir(folder.path())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    // Once it has begun to write, and before anything like 80,000 seconds are done.
-    while names(folder.path()).is_empty() {
-        std::thread::sleep(std::time::Duration::from_millis(5));
+    let at = folder.path();
+    for (arguments, writes_to) in [
+        (&["simulate", "--seconds", "80000", "-o", "capture/long.mcap"][..], "capture"),
+        (&["simulate", "--terrain", "--seconds", "2000", "-o", "frames"], "frames"),
+        (&["reproduce", "terrain", "-o", "pictures"], ""),
+    ] {
+        fs::create_dir_all(at.join(writes_to)).unwrap();
+        let mut child = Command::new(env!("CARGO_BIN_EXE_crossfall"))
+            .args(arguments)
+            .current_dir(at)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        // Once it has begun, and before anything like all is done.
+        if writes_to.is_empty() {
+            let mut heading = [0; 8];
+            child.stdout.as_mut().unwrap().read_exact(&mut heading).unwrap();
+        }
+        while !writes_to.is_empty() && names(&at.join(writes_to)).is_empty() {
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+        assert!(killed.success());
+        let told = ends(&child.wait_with_output().unwrap(), 1);
+        assert!(told.ends_with("interrupted\n"), "{arguments:?}: {told}");
+        assert_eq!(names(&at.join(writes_to)), Vec::<String>::new(), "{arguments:?}");
+        if !writes_to.is_empty() {
+            fs::remove_dir(at.join(writes_to)).unwrap();
+        }
     }
-    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-    assert!(killed.success());
-    assert_eq!(child.wait().unwrap().code(), Some(1));
-    assert_eq!(names(folder.path()), Vec::<String>::new());
+}
+
+#[test]
+fn a_truth_of_one_side_is_enough_and_a_table_that_is_none_costs_no_picture() {
+    let folder = drive();
+    let at = folder.path();
+    ends(&crossfall(at, &["run", "drive.mcap", "-o", "drive.log.mcap"]), 0);
+    // The contract's columns, which are the left side's.
+    let heading =
+        "scan,start_device_s,roll_deg,road_deg,edge_y_m,adjacent_deg,adjacent_end_y_m,opposing_deg,opposing_end_y_m";
+    let row = |scan| format!("\n{scan},1.5,1.0,1.0,4.0,-7.2,9.8,9.2,16.8");
+    fs::write(at.join("left.csv"), heading.to_owned() + &(0..75).map(row).collect::<String>()).unwrap();
+    ends(&crossfall(at, &["plot", "drive.log.mcap", "--truth", "left.csv", "-o", "pictures"]), 0);
+    let picture = fs::read_to_string(at.join("pictures/errors.svg")).unwrap();
+    assert!(picture.contains("left adjacent: RMS") && picture.contains("left opposing: RMS"));
+    assert!(!picture.contains("right adjacent"), "what is not known is not drawn");
+    fs::write(at.join("none.csv"), "scan,slope\n0,-7.2\n").unwrap();
+    fails(
+        at,
+        &["plot", "drive.log.mcap", "--truth", "none.csv", "-o", "none"],
+        "none.csv: has no column `adjacent_deg`",
+    );
+    assert!(!at.join("none").exists());
+}
+
+#[test]
+fn a_demo_removes_no_pictures_but_those_of_a_demo_before_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    fs::write(at.join("section-9999.svg"), b"somebody's").unwrap();
+    let demo = ["demo", "--seconds", "2", "-o", "."];
+    ends(&crossfall(at, &demo), 0);
+    assert_eq!(fs::read(at.join("section-9999.svg")).unwrap(), b"somebody's");
+    ends(&crossfall(at, &demo), 0);
+    let sections: Vec<_> = names(at).into_iter().filter(|name| name.starts_with("section-")).collect();
+    assert_eq!(sections, ["section-37.svg"]);
 }
 
 /// Every help text, against `tests/help.txt`. With CROSSFALL_UPDATE set, the file is written instead.

@@ -1,8 +1,11 @@
 //! A simulated drive with a coarse sensor, through the map and out into files.
 
 use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
 
 use crossfall::terrain::drive::{Body, Shape, TerrainScene};
+use crossfall::terrain::frames::{Choices, FrameFolder};
 use crossfall::terrain::lidar::Lidar;
 use crossfall::terrain::mapper::Workshop;
 use crossfall::terrain::raster::Raster;
@@ -107,7 +110,7 @@ fn the_table_of_cells_and_the_rasters_say_the_same() {
 
         let picture = folder.path().join("elevation.tif");
         raster.write_floats(&picture, |cell| cell.elevation_m as f32).unwrap();
-        let mut decoder = tiff::decoder::Decoder::new(std::fs::File::open(&picture).unwrap()).unwrap();
+        let mut decoder = tiff::decoder::Decoder::new(fs::File::open(&picture).unwrap()).unwrap();
         assert_eq!(decoder.dimensions().unwrap(), (raster.width as u32, raster.height as u32));
         let tie = decoder.get_tag_f64_vec(tiff::tags::Tag::ModelTiepointTag).unwrap();
         assert_eq!(&tie[..3], &[0.0, 0.0, 0.0]);
@@ -117,4 +120,36 @@ fn the_table_of_cells_and_the_rasters_say_the_same() {
         let value = values[(raster.height - 1 - row) * raster.width + column];
         assert_eq!(value, cell.elevation_m as f32);
     });
+}
+
+#[test]
+fn a_drive_takes_the_place_of_an_earlier_one_and_of_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let drive = |frames: u32| {
+        let lidar = Lidar { columns: 64, ..Lidar::default() };
+        TerrainScene { frames, lidar, ..TerrainScene::default() }.write(folder.path(), |_| {})
+    };
+    let names = |folder: &Path| {
+        let mut names: Vec<String> =
+            fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    };
+    drive(5).unwrap();
+    fs::write(at("velodyne/notes.txt"), b"mine").unwrap();
+    drive(2).unwrap();
+    let all = ["poses.txt", "scene.toml", "times.txt", "truth.csv", "truth_poses.txt", "velodyne"];
+    assert_eq!(names(folder.path()), all, "nothing of a temporary name is left");
+    assert_eq!(names(&at("velodyne")), ["000000.bin", "000001.bin", "notes.txt"]);
+    assert_eq!(FrameFolder::open(folder.path(), &Choices::default()).unwrap().len(), 2);
+    let table = fs::read_to_string(at("truth.csv")).unwrap();
+    assert!(table.starts_with("x_m,y_m,elevation_m,surface\n") && !table.contains("-0.0000"));
+    // A recording in the same layout says nothing of a scene.
+    fs::remove_file(at("scene.toml")).unwrap();
+    let recorded = fs::read(at("velodyne/000001.bin")).unwrap();
+    let refused = drive(3).unwrap_err().to_string();
+    assert!(refused.ends_with("velodyne: holds frames that were not simulated; name another folder"), "{refused}");
+    assert_eq!(fs::read(at("velodyne/000001.bin")).unwrap(), recorded);
+    assert_eq!(names(&at("velodyne")).len(), 3);
 }

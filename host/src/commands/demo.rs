@@ -86,6 +86,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let file = |name: &str| folder.join(name);
     let (capture_path, log_path) = (file("drive.mcap"), file("drive.log.mcap"));
 
+    // Pictures of sections are the demo's own only where it has been before.
+    let again = log_path.exists();
     let mut capture = Writer::create(&capture_path)?;
     let progress = Progress::new("simulate", simulate::scans(&scene) as u64);
     let mut made = simulate::simulate(&scene, &mut capture, |scan| progress.at(scan as u64))?;
@@ -125,6 +127,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let rows: Vec<Row> = Rows::open(&log_path)?.collect();
     let accuracy = hold_against(&rows, &made.truth);
     let along_road = scene.sections.mode != Mode::RandomPerScan;
+    if again {
+        remove_sections(folder)?;
+    }
     draw(args, if along_road { &made.truth } else { &[] }, &log_path)?;
     tell!(
         "made       {}: drive.mcap, drive.log.mcap, truth.csv, profiles.csv, section-*.svg, slopes.svg, report.html",
@@ -205,6 +210,17 @@ fn in_emulator(
     Ok(!losses.is_empty() || missing_frames + rejected > 0 || played.unsent > 0)
 }
 
+/// Removes the pictures of an earlier demo, which would be taken for this one's.
+fn remove_sections(folder: &Path) -> anyhow::Result<()> {
+    for entry in fs::read_dir(folder)?.flatten() {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        if name.starts_with("section-") && name.ends_with(".svg") {
+            fs::remove_file(entry.path())?;
+        }
+    }
+    Ok(())
+}
+
 fn draw(args: &Args, truth: &[truth::Row], log: &Path) -> anyhow::Result<()> {
     // Sections of a drive vary along the road and can be drawn over it; independent ones cannot.
     let start = truth.first().map_or(0.0, |row| row.station_m);
@@ -215,13 +231,6 @@ fn draw(args: &Args, truth: &[truth::Row], log: &Path) -> anyhow::Result<()> {
         along(|row| row.section.right.adjacent_slope_deg),
         along(|row| row.section.right.opposing_slope_deg),
     ];
-    // Pictures of an earlier demo in the same folder would be taken for this one's.
-    for entry in fs::read_dir(&args.output)?.flatten() {
-        let name = entry.file_name().to_string_lossy().into_owned();
-        if name.starts_with("section-") && name.ends_with(".svg") {
-            fs::remove_file(entry.path())?;
-        }
-    }
     let drive = Drive::read(log, |_| ())?;
     let canvas = plot::Canvas { folder: &args.output, format: plot::Format::Svg, theme: args.theme.into() };
     plot::slopes(&canvas, std::slice::from_ref(&drive), &[], &truth)?;

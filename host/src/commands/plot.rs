@@ -78,7 +78,6 @@ impl From<Theme> for plot::Theme {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    std::fs::create_dir_all(&args.output).with_context(|| args.output.display().to_string())?;
     let logs = drives::of(&args.logs);
     let mut read = Vec::new();
     for log in &logs {
@@ -94,16 +93,18 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         None => args.scan.unwrap_or_else(|| typical(first)),
     };
     let canvas = Canvas { folder: &args.output, format: args.format, theme: args.theme.into() };
-    let mut paths = slopes(&canvas, &drives, &names(&logs), &Default::default())?;
+    // What may not be there is looked for before the first picture is made.
+    let kinds = args.truth.as_deref().map(|truth| errors(first, truth)).transpose()?;
+    let mut paths = Vec::new();
     let found = one_section(&canvas, log, number, &mut paths)?;
+    paths.extend(slopes(&canvas, &drives, &names(&logs), &Default::default())?);
     let title = format!("Variation of the slope along the section of scan {number}");
     paths.extend(canvas.write(&format!("variation-{number}"), &plot::variation(&found, &title, canvas.theme)?)?);
     paths.extend(view(&canvas, log, first, number)?);
     if drives.len() > 1 {
         paths.extend(runs(&canvas, &logs, &drives, number, found)?);
     }
-    if let Some(truth) = &args.truth {
-        let kinds = errors(first, truth)?;
+    if let Some(kinds) = kinds {
         let svg = plot::errors(&kinds, "Slopes against the truth, every scan", canvas.theme)?;
         paths.extend(canvas.write("errors", &svg)?);
     }
@@ -113,7 +114,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::lost_if(drives.iter().any(|drive| drive.health.damage > 0)))
 }
 
-/// Where pictures go.
+/// Where pictures go; the folder is made for the first one.
 pub struct Canvas<'a> {
     pub folder: &'a Path,
     pub format: Format,
@@ -122,6 +123,7 @@ pub struct Canvas<'a> {
 
 impl Canvas<'_> {
     fn write(&self, name: &str, svg: &str) -> anyhow::Result<Vec<PathBuf>> {
+        std::fs::create_dir_all(self.folder).with_context(|| self.folder.display().to_string())?;
         let mut paths = Vec::new();
         if self.format != Format::Png {
             paths.push(self.folder.join(format!("{name}.svg")));
@@ -246,18 +248,22 @@ fn runs(
     canvas.write("runs", &plot::runs(&list, &title, canvas.theme)?)
 }
 
-/// Errors of the four slopes against a table of truth, joined by the scan's number.
+/// Errors of the slopes against a table of truth, joined by the scan's number: the left side's, and the right's where the table has that.
 fn errors(drive: &Drive, truth: &Path) -> anyhow::Result<Vec<(String, Vec<f64>)>> {
     const COLUMNS: [&str; 4] = ["adjacent_deg", "opposing_deg", "right_adjacent_deg", "right_opposing_deg"];
     let mut table = csv::Reader::from_path(truth).with_context(|| truth.display().to_string())?;
     let header = table.headers().with_context(|| truth.display().to_string())?.clone();
-    let column = |name: &str| {
-        let found = header.iter().position(|one| one == name);
-        found.with_context(|| format!("{}: has no column `{name}`", truth.display()))
-    };
-    let scan_column = column("scan")?;
-    let columns = COLUMNS.map(column).into_iter().collect::<Result<Vec<_>, _>>()?;
-    let mut kinds: Vec<(String, Vec<f64>)> = SLOPES.map(|name| (name.to_owned(), Vec::new())).into();
+    let find = |name: &str| header.iter().position(|one| one == name);
+    let needed = |name: &str| find(name).with_context(|| format!("{}: has no column `{name}`", truth.display()));
+    let scan_column = needed("scan")?;
+    let (mut columns, mut kinds) = (Vec::new(), Vec::new());
+    for (slope, (column, name)) in COLUMNS.into_iter().zip(SLOPES).enumerate() {
+        let found = if column.starts_with("right_") { find(column) } else { Some(needed(column)?) };
+        if let Some(column) = found {
+            columns.push((slope, column));
+            kinds.push((name.to_owned(), Vec::new()));
+        }
+    }
     let mut scans = drive.scans.iter().peekable();
     for (line, record) in table.records().enumerate() {
         let record = record.with_context(|| truth.display().to_string())?;
@@ -269,9 +275,10 @@ fn errors(drive: &Drive, truth: &Path) -> anyhow::Result<Vec<(String, Vec<f64>)>
         let number = cell(scan_column)? as u32;
         while scans.next_if(|scan| scan.number < number).is_some() {}
         let Some(scan) = scans.peek().filter(|scan| scan.number == number) else { continue };
-        for ((slope, column), (_, errors)) in scan.slopes.iter().zip(&columns).zip(&mut kinds) {
-            if slope.0.is_finite() {
-                errors.push(f64::from(slope.0) - cell(*column)?);
+        for (&(slope, column), (_, errors)) in columns.iter().zip(&mut kinds) {
+            let (measured, _) = scan.slopes[slope];
+            if measured.is_finite() {
+                errors.push(f64::from(measured) - cell(column)?);
             }
         }
     }

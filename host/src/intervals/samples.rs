@@ -10,6 +10,9 @@
 //! Along the road: a scan speaks for the road halfway to its neighbours on either side, and for five times the mean of that at most. A vehicle that
 //! slows down or stops, or slopes that are not found in some scans, do not shift the mean.
 //!
+//! How much single scans vary is the standard deviation about the value of the same winsorised values: the noise, and what the ground varies along the
+//! stretch. (The median deviation from a median would take a steeper third of the stretch for strays.)
+//!
 //! The interval has two parts. The scans' own intervals are independent and shrink with their number. The inertial unit's roll error is common to
 //! neighbouring scans and does not: [`ROLL_SD_DEG`] is added to every interval, so that no number of scans claims more than the unit can give.
 //!
@@ -62,7 +65,7 @@ pub struct Estimate {
     pub value: f64,
     /// Half width of its 95 % interval.
     pub ci95: f64,
-    /// Robust standard deviation of the single scans about it.
+    /// Standard deviation of the single scans along the road about it, strays bent as for the value.
     pub sd: f64,
     /// Scans that it rests on.
     pub count: u64,
@@ -103,21 +106,23 @@ impl Samples {
     /// The robust estimate of an angle in degrees, see the module.
     #[must_use]
     pub fn estimate(&self) -> Option<Estimate> {
-        let middle = self.median()?;
         let values = self.values();
-        let sd = MAD_TO_SD * median(&mut values.iter().map(|value| (value - middle).abs()).collect::<Vec<_>>())?;
         let levels = levels(&values);
         let off: Vec<f64> = values.iter().zip(&levels).map(|(value, level)| value - level).collect();
         let noise = MAD_TO_SD * median(&mut off.iter().map(|off| off.abs()).collect::<Vec<_>>())?;
         let bend = BEND * noise;
-        let (mut sum, mut variance) = (0.0, 0.0);
-        for (((share, level), off), sample) in self.shares().into_iter().zip(&levels).zip(&off).zip(&self.held) {
-            sum += share * (level + off.clamp(-bend, bend));
-            // A scan without an interval of its own has that of its kind.
-            variance += (share * if sample.sd > 0.0 { sample.sd } else { noise }).powi(2);
-        }
+        let bent = levels.iter().zip(&off).map(|(level, off)| level + off.clamp(-bend, bend));
+        let shared: Vec<(f64, f64)> = self.shares().into_iter().zip(bent).collect();
+        let value: f64 = shared.iter().map(|(share, bent)| share * bent).sum();
+        let spread: f64 = shared.iter().map(|(share, bent)| share * (bent - value).powi(2)).sum();
+        // The value is the scans' own mean, which lies among them: of two scans, the deviation from it is half of what they vary.
+        let free = 1.0 - shared.iter().map(|(share, _)| share * share).sum::<f64>();
+        let sd = if free > 0.0 { (spread / free).sqrt() } else { 0.0 };
+        // A scan without an interval of its own has that of its kind.
+        let own = self.held.iter().map(|sample| if sample.sd > 0.0 { sample.sd } else { noise });
+        let variance: f64 = shared.iter().zip(own).map(|((share, _), own)| (share * own).powi(2)).sum();
         let ci95 = WIDTH_95 * (variance + ROLL_SD_DEG * ROLL_SD_DEG).sqrt();
-        Some(Estimate { value: sum, ci95, sd, count: self.seen })
+        Some(Estimate { value, ci95, sd, count: self.seen })
     }
 
     fn values(&self) -> Vec<f64> {
@@ -218,7 +223,8 @@ mod tests {
             samples((0..240).map(|i| ground(i) + if i % 20 == 7 { 9.0 } else { 0.1 * noise(i) })).estimate().unwrap();
         let mean = (0..240).map(ground).sum::<f64>() / 240.0;
         assert!((estimate.value - mean).abs() < 0.02, "{estimate:?} {mean}");
-        assert!(estimate.sd < 1.0, "most of it is alike: {estimate:?}");
+        let sd = ((0..240).map(|i| (ground(i) - mean).powi(2)).sum::<f64>() / 239.0).sqrt();
+        assert!((estimate.sd / sd - 1.0).abs() < 0.02, "{estimate:?} {sd}");
     }
 
     /// Slopes that swing by two degrees every 120 scans, cut anywhere: the ends of the stretch are no strays.
@@ -230,6 +236,22 @@ mod tests {
             let mean = (0..225).map(ground).sum::<f64>() / 225.0;
             assert!((estimate.value - mean).abs() < 0.004, "cut at {phase}: {estimate:?} {mean}");
         }
+    }
+
+    #[test]
+    fn single_scans_vary_by_their_noise_and_by_the_ground() {
+        // Uniform noise of one degree.
+        let level = samples((0..400).map(|i| -8.0 + noise(i))).estimate().unwrap();
+        assert!((level.sd - 1.0 / 12_f64.sqrt()).abs() < 0.01, "{level:?}");
+        // Twice as steep in the last third, of which a median sees nothing.
+        let steeper = samples((0..300).map(|i| if i < 200 { -6.0 } else { -12.0 })).estimate().unwrap();
+        assert!((steeper.sd - 2.83).abs() < 0.02, "{steeper:?}");
+        // Strays count as noise at most: of alternate signs, so that no line leads through them.
+        let strays = samples((0..400).map(|i| noise(i) + if i % 40 == 7 { f64::from(i % 80 - 27) } else { 0.0 }));
+        assert!((strays.estimate().unwrap().sd - 0.3).abs() < 0.05, "{:?}", strays.estimate());
+        // Of two, half of their squared difference; of one, nothing is known.
+        assert!((samples([-7.0, -9.0]).estimate().unwrap().sd - 2_f64.sqrt()).abs() < 1e-9);
+        assert_eq!(samples([-7.0]).estimate().unwrap().sd, 0.0);
     }
 
     #[test]

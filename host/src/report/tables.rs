@@ -13,7 +13,8 @@ pub fn subtitle(drive: &Drive) -> String {
     let known: Vec<f64> = drive.scans.iter().map(|scan| scan.gps_seconds).filter(|s| s.is_finite()).collect();
     if let (Some(week), Some(&first), Some(&last)) = (drive.gps_week, known.first(), known.last()) {
         let clock = |seconds: f64| {
-            let s = (seconds - 18.0).rem_euclid(86_400.0) as u64;
+            let ahead = crate::leap::seconds(week, seconds as u64) as f64;
+            let s = (seconds - ahead).rem_euclid(86_400.0) as u64;
             format!("{:02}:{:02}:{:02}", s / 3_600, s / 60 % 60, s % 60)
         };
         parts.push(format!("{} {} to {} UTC", crate::dataset::date(week, first as u64), clock(first), clock(last)));
@@ -78,16 +79,19 @@ pub fn miles(drive: &Drive) -> String {
     let Some((from, to)) = drive.span_m() else {
         return "<p>The log has no speed to tell stations from.</p>".to_owned();
     };
-    let mut html = String::from("<table><thead><tr><th>mile</th><th>sections</th>");
+    let mut html = String::from("<table><thead><tr><th>station, miles</th><th>sections</th>");
     for name in SLOPES {
         let _ = write!(html, "<th>{name}</th><th>steeper than 1:4</th>");
     }
     html += "</tr></thead><tbody>";
-    let miles = ((to - from) / MILE_M).ceil().max(1.0) as usize;
-    let mut sorted: Vec<(u64, [Samples; 4], [u64; 4])> = vec![Default::default(); miles];
+    // Miles by station, as in `profiles --summary`: the same sections in each.
+    let mile_of = |station_m: f64| (station_m / MILE_M).floor() as i64;
+    let first = mile_of(from);
+    let mut sorted: Vec<(u64, [Samples; 4], [u64; 4])> = Vec::new();
+    sorted.resize_with((mile_of(to) - first + 1).max(1) as usize, Default::default);
     for scan in drive.scans.iter().filter(|scan| scan.station_m.is_finite()) {
-        let mile = (((scan.station_m - from) / MILE_M) as usize).min(miles - 1);
-        let Some((scans, samples, steep)) = sorted.get_mut(mile) else { continue };
+        let mile = mile_of(scan.station_m) - first;
+        let Some((scans, samples, steep)) = sorted.get_mut(mile as usize) else { continue };
         *scans += 1;
         for ((samples, steep), (slope, ci95)) in samples.iter_mut().zip(steep).zip(scan.slopes) {
             if slope.is_finite() {
@@ -96,8 +100,8 @@ pub fn miles(drive: &Drive) -> String {
             }
         }
     }
-    for (mile, (scans, samples, steep)) in sorted.iter().enumerate() {
-        let (begin, end) = (mile as f64, ((to - from) / MILE_M).min(mile as f64 + 1.0));
+    for (mile, (scans, samples, steep)) in (first..).zip(&sorted) {
+        let (begin, end) = (mile as f64, (to / MILE_M).min(mile as f64 + 1.0));
         let _ = write!(html, "<tr><td>{begin:.0}\u{2013}{end:.1}</td><td>{}</td>", thousands(*scans as f64));
         for (samples, steep) in samples.iter().zip(steep) {
             match samples.estimate() {
@@ -189,4 +193,48 @@ pub fn calibration(drive: &Drive) -> String {
         .map(|(what, value)| format!("<tr><td>{what}</td><td>{}</td></tr>", value.replace('-', "\u{2212}")))
         .collect();
     format!("<table class=\"plain\"><tbody>{rows}</tbody></table>")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::drive::Scan;
+
+    fn drive(stations: impl Iterator<Item = f64>) -> Drive {
+        let scan = |(number, station_m)| Scan {
+            number,
+            gps_seconds: 160_203.0,
+            station_m,
+            place: [f64::NAN; 3],
+            roll_deg: 0.0,
+            slopes: [(-8.0, 0.1); 4],
+            edges_m: [f32::NAN; 2],
+            flags: Default::default(),
+        };
+        Drive { scans: (0..).zip(stations).map(scan).collect(), gps_week: Some(1_820), ..Drive::default() }
+    }
+
+    /// Of each row its first two cells.
+    fn rows(html: &str) -> Vec<(&str, &str)> {
+        html.split("<tr><td>")
+            .skip(1)
+            .filter_map(|row| row.split_once("</td><td>"))
+            .filter_map(|(mile, rest)| Some((mile, rest.split_once("</td>")?.0)))
+            .collect()
+    }
+
+    #[test]
+    fn miles_are_counted_by_station() {
+        // A section every five metres from 11 m on: 320 before 1609.344 m.
+        let html = miles(&drive((0..420).map(|i| 11.0 + 5.0 * f64::from(i))));
+        assert_eq!(rows(&html), [("0\u{2013}1.0", "320"), ("1\u{2013}1.3", "100")]);
+        let html = miles(&drive((0..10).map(|i| 1_700.0 + f64::from(i))));
+        assert_eq!(rows(&html), [("1\u{2013}1.1", "10")]);
+    }
+
+    #[test]
+    fn times_are_utc_of_their_day() {
+        // 24 November 2014, when GPS was 16 seconds ahead.
+        assert_eq!(subtitle(&drive([0.0].into_iter())), "2014-11-24 20:29:47 to 20:29:47 UTC");
+    }
 }

@@ -174,12 +174,25 @@ impl Track {
         let climb = libm::atan(grade);
         let level = length * libm::cos(climb);
         self.place.latitude_deg += (level * libm::cos(middle) / north_radius).to_degrees();
-        self.place.longitude_deg += (level * libm::sin(middle) / (east_radius * libm::cos(latitude))).to_degrees();
+        let east_deg = (level * libm::sin(middle) / (east_radius * libm::cos(latitude))).to_degrees();
+        self.place.longitude_deg = wrapped_deg(self.place.longitude_deg + east_deg);
         self.place.height_m += length * libm::sin(climb);
         self.place.station_m += length;
         let azimuth = self.place.azimuth_deg - turned_deg;
         self.place.azimuth_deg = azimuth - 360.0 * libm::floor(azimuth / 360.0);
         self.aim();
+    }
+}
+
+/// A longitude from -180 to 180 degrees, of one that is off by a turn at most. One that is within keeps its bits.
+#[must_use]
+pub fn wrapped_deg(longitude_deg: f64) -> f64 {
+    if longitude_deg > 180.0 {
+        longitude_deg - 360.0
+    } else if longitude_deg < -180.0 {
+        longitude_deg + 360.0
+    } else {
+        longitude_deg
     }
 }
 

@@ -5,10 +5,10 @@
 
 use crossfall_core::sensors::novatel::crc32;
 
-use super::motion::{Attitude, Place, Track};
+use super::motion::{Attitude, Place, Track, wrapped_deg};
 use super::noise::{Drift, Noise, Purpose};
 use super::scene::{Ins, Scene};
-use crate::track::LEAP_SECONDS;
+use crate::leap;
 
 /// One frame.
 #[derive(Clone, Debug)]
@@ -142,7 +142,7 @@ impl<'a> Span<'a> {
         let north_m = left_m * libm::sin(azimuth) + drift * north.step(&mut self.position);
         let east_m = -left_m * libm::cos(azimuth) + drift * east.step(&mut self.position);
         let per_degree = LATITUDE_DEGREE_M * libm::cos(place.latitude_deg.to_radians());
-        [place.latitude_deg + north_m / LATITUDE_DEGREE_M, place.longitude_deg + east_m / per_degree]
+        [place.latitude_deg + north_m / LATITUDE_DEGREE_M, wrapped_deg(place.longitude_deg + east_m / per_degree)]
     }
 }
 
@@ -207,10 +207,11 @@ fn time_log(week: u16, seconds: u64) -> Vec<u8> {
     bytes.extend([0; 8]);
     // Clock status: valid; offset and its deviation; UTC offset.
     bytes.extend(0_u32.to_le_bytes());
-    for number in [1.0e-9, 2.0e-9, -(LEAP_SECONDS as f64)] {
+    let ahead = leap::seconds(week, second);
+    for number in [1.0e-9, 2.0e-9, -(ahead as f64)] {
         bytes.extend(f64::to_le_bytes(number));
     }
-    let utc = u64::from(week) * WEEK_S + second - LEAP_SECONDS;
+    let utc = u64::from(week) * WEEK_S + second - ahead;
     let (year, month, day) = date(utc / 86_400);
     bytes.extend(year.to_le_bytes());
     bytes.extend([month, day, (utc % 86_400 / 3_600) as u8, (utc % 3_600 / 60) as u8]);

@@ -61,6 +61,32 @@ fn every_byte_decodes() {
 }
 
 #[test]
+fn a_drive_across_the_date_line_goes_on_at_the_other_end_of_longitudes() {
+    let folder = tempfile::tempdir().unwrap();
+    for (from_deg, azimuth_deg) in [(179.999_6, 90.0), (-179.999_6, 270.0)] {
+        let mut scene = short();
+        (scene.drive.longitude_deg, scene.drive.azimuth_deg) = (from_deg, azimuth_deg);
+        (scene.drive.track, scene.ins.position_drift_m) = (Vec::new(), 1.0);
+        let (summary, chunks) = drive(&scene, folder.path());
+        let mut decoder = novatel::Decoder::new();
+        let mut longitudes = Vec::new();
+        for chunk in chunks.iter().filter(|chunk| chunk.channel == Channel::Ins) {
+            for &byte in &chunk.data {
+                decoder.push(byte, DeviceTime(chunk.device_time_ns / 1_000), &mut |event| {
+                    if let novatel::Log::Solution(solution, ..) = event.log {
+                        longitudes.extend(solution.fix.map(|fix| fix.longitude_ndeg as f64 * 1e-9));
+                    }
+                });
+            }
+        }
+        assert_eq!((decoder.counters().bad_frames, longitudes.len() as u64), (0, summary.poses as u64));
+        let step = longitudes.windows(2).map(|pair| (pair[1] - pair[0] + 180.0).rem_euclid(360.0) - 180.0);
+        assert!(step.map(f64::abs).fold(0.0, f64::max) < 1e-5, "a pose is less than a metre on");
+        assert!(longitudes.first().unwrap() * longitudes.last().unwrap() < 0.0, "{from_deg}: on the other side");
+    }
+}
+
+#[test]
 fn the_same_seed_gives_the_same_bytes_and_another_does_not() {
     let folder = tempfile::tempdir().unwrap();
     let (_, first) = drive(&short(), folder.path());

@@ -3,6 +3,7 @@
 use std::io::{self, Write};
 
 use super::section::Section;
+use crate::table::rounded;
 
 /// The truth of one scan. The section is the one at the mean time of its beams.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,25 +33,33 @@ pub fn write_csv(rows: &[Row], mut out: impl Write) -> io::Result<()> {
     writeln!(out, "{COLUMNS}")?;
     for row in rows {
         let Section { height_m, cross_slope_deg, left, right } = row.section;
-        write!(out, "{},{:.6},{:.5},", row.scan, row.start_device_s, row.roll_deg)?;
-        write!(
-            out,
-            "{:.5},{:.5},{:.5},{:.5},",
+        write!(out, "{},{:.6},{:.5}", row.scan, row.start_device_s, rounded(row.roll_deg, 5))?;
+        let of_left = [
             cross_slope_deg,
             left.edge_m,
             left.adjacent_slope_deg,
-            left.adjacent_end_m()
-        )?;
-        write!(out, "{:.5},{:.5},{:.5},", left.opposing_slope_deg, left.opposing_end_m(), left.opposing_start_m())?;
-        write!(out, "{:.3},{:.5},{:.5},{:.5},", row.station_m, height_m, -cross_slope_deg, -right.edge_m)?;
-        write!(out, "{:.5},{:.5},", right.adjacent_slope_deg, -right.adjacent_end_m())?;
-        writeln!(
-            out,
-            "{:.5},{:.5},{:.5}",
+            left.adjacent_end_m(),
+            left.opposing_slope_deg,
+            left.opposing_end_m(),
+            left.opposing_start_m(),
+        ];
+        for value in of_left {
+            write!(out, ",{:.5}", rounded(value, 5))?;
+        }
+        write!(out, ",{:.3},{height_m:.5}", row.station_m)?;
+        let of_right = [
+            -cross_slope_deg,
+            -right.edge_m,
+            right.adjacent_slope_deg,
+            -right.adjacent_end_m(),
             right.opposing_slope_deg,
             -right.opposing_end_m(),
-            -right.opposing_start_m()
-        )?;
+            -right.opposing_start_m(),
+        ];
+        for value in of_right {
+            write!(out, ",{:.5}", rounded(value, 5))?;
+        }
+        writeln!(out)?;
     }
     Ok(())
 }

@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 use std::marker::PhantomData;
 
-use super::{Error, Kind, Record, Value};
+use super::{Error, Kind, Record, Value, rounded};
 
 pub struct Table<W: Write, R> {
     csv: csv::Writer<W>,
@@ -29,7 +29,9 @@ impl<W: Write, R: Record> Table<W, R> {
             let _ = match (cell, kind) {
                 (Value::Empty, _) => Ok(()),
                 (Value::Integer(value), _) => write!(self.text, "{value}"),
-                (Value::Real(value), Kind::Real(decimals)) => write!(self.text, "{value:.*}", usize::from(*decimals)),
+                (Value::Real(value), Kind::Real(decimals)) => {
+                    write!(self.text, "{:.*}", usize::from(*decimals), rounded(*value, *decimals))
+                }
                 (Value::Real(value), _) => write!(self.text, "{value}"),
                 (Value::Text(text), _) => write!(self.text, "{text}"),
             };

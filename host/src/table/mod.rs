@@ -78,10 +78,12 @@ impl From<Option<i64>> for Value {
     }
 }
 
-/// Rounds to some decimals, as the text of a number does.
-fn rounded(value: f64, decimals: u8) -> f64 {
+/// Rounds to some decimals. What every format writes, text too: text alone would round a number that lies a hair from halfway the other way
+/// now and then. Zero has no sign.
+#[must_use]
+pub fn rounded(value: f64, decimals: u8) -> f64 {
     let scale = 10_f64.powi(i32::from(decimals));
-    (value * scale).round() / scale
+    (value * scale).round() / scale + 0.0
 }
 
 /// Something with a place on the map.

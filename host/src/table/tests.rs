@@ -102,6 +102,35 @@ fn geojson_has_points_polygons_and_lines_broken_at_gaps() {
     assert!(ring.len() == 5 && ring[0] == ring[4] && area > 0.0, "closed and counter-clockwise: {ring:?}");
 }
 
+#[test]
+fn a_number_is_the_same_in_every_format_and_zero_has_no_sign() {
+    // Halfway in decimals, but not in binary, where 7.005 lies below and 1.005 times 100 as well; beyond, what rounds to zero from below.
+    let weights = [7.005, 1.005, 0.125, -0.125, 2.675, 1.115, 8.345, -0.001, -0.0, -0.004_999, 1e12 + 0.5];
+    let stone = |weight| Stone { name: None, weight_kg: Some(weight), place: [40.0, -77.0, -0.0] };
+    let written = |format| {
+        let mut table = Table::new(format, Vec::new()).unwrap();
+        weights.iter().for_each(|weight| table.row(&stone(*weight)).unwrap());
+        table.finish().unwrap()
+    };
+    let text = String::from_utf8(written(Format::Csv)).unwrap();
+    let of_text: Vec<f64> = text.lines().skip(1).map(|line| line.split(',').nth(1).unwrap().parse().unwrap()).collect();
+    let rows = SerializedFileReader::new(file(&written(Format::Parquet))).unwrap().into_iter();
+    let of_parquet: Vec<f64> = rows
+        .map(|row| match row.unwrap().into_columns()[1].1 {
+            Field::Double(weight) => weight,
+            ref other => panic!("{other}"),
+        })
+        .collect();
+    let json = String::from_utf8(written(Format::GeoJson)).unwrap();
+    let parsed: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let points = parsed["features"].as_array().unwrap().iter().filter(|one| one["geometry"]["type"] == "Point");
+    let of_json: Vec<f64> = points.map(|one| one["properties"]["weight_kg"].as_f64().unwrap()).collect();
+    let bits = |numbers: &[f64]| numbers.iter().map(|number| number.to_bits()).collect::<Vec<_>>();
+    assert_eq!(of_text, of_parquet);
+    assert_eq!((bits(&of_text), bits(&of_text)), (bits(&of_parquet), bits(&of_json)), "also the sign of zero");
+    assert!(!text.contains("-0.00") && !json.contains("-0.0"), "{text}{json}");
+}
+
 fn file(contents: &[u8]) -> std::fs::File {
     let mut file = tempfile::tempfile().unwrap();
     file.write_all(contents).unwrap();

@@ -1,14 +1,6 @@
-//! A simulated drive with a spinning LiDAR: the vehicle's motion, what else moves, and the folder that results.
-//!
-//! The folder follows the KITTI odometry layout (`velodyne/NNNNNN.bin`, `poses.txt`, `times.txt`) and carries its
-//! truth: `truth.csv` (the ground around the road on the map's own cells), `truth_poses.txt` (poses without noise)
-//! and `scene.toml` (the scene as it was simulated). The same scene and seed give the same bytes.
+//! A simulated drive with a spinning LiDAR: the vehicle's motion, and what else moves. `drive_folder` writes it.
 
-use std::fs;
-use std::io::{BufWriter, Write};
-use std::path::Path;
-
-use anyhow::{Context, Result, anyhow, ensure};
+use anyhow::{Result, anyhow, ensure};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use serde::{Deserialize, Serialize};
@@ -239,88 +231,4 @@ impl TerrainScene {
         ];
         Ok(SimulatedFrame { points, reported: SensorPose { rotation: turned, position }, truth, time_s })
     }
-
-    /// Writes the whole drive into a folder; `progress` is told the number of frames written.
-    ///
-    /// # Errors
-    /// A scene out of range, or a file that cannot be written.
-    pub fn write(&self, folder: &Path, mut progress: impl FnMut(u32)) -> Result<()> {
-        self.check()?;
-        let velodyne = folder.join("velodyne");
-        fs::create_dir_all(&velodyne).with_context(|| format!("creating {}", velodyne.display()))?;
-        let create = |name: &str| -> Result<BufWriter<fs::File>> {
-            let path = folder.join(name);
-            Ok(BufWriter::new(fs::File::create(&path).with_context(|| format!("creating {}", path.display()))?))
-        };
-        let mut poses = create("poses.txt")?;
-        let mut truth_poses = create("truth_poses.txt")?;
-        let mut times = create("times.txt")?;
-        for index in 0..self.frames {
-            let frame = self.frame(index)?;
-            let mut bytes = Vec::with_capacity(frame.points.len() * 16);
-            for value in frame.points.iter().flatten() {
-                bytes.extend_from_slice(&value.to_le_bytes());
-            }
-            let path = velodyne.join(format!("{index:06}.bin"));
-            fs::write(&path, bytes).with_context(|| format!("writing {}", path.display()))?;
-            writeln!(poses, "{}", pose_line(&frame.reported))?;
-            writeln!(truth_poses, "{}", pose_line(&frame.truth))?;
-            writeln!(times, "{:.6}", frame.time_s)?;
-            progress(index + 1);
-        }
-        poses.flush()?;
-        truth_poses.flush()?;
-        times.flush()?;
-        fs::write(folder.join("scene.toml"), toml::to_string_pretty(self)?)?;
-        self.write_truth(&folder.join("truth.csv"))
-    }
-
-    /// The ground around the road, on 0.1 m cells of the world frame: 15 m behind the start to 70 m past the end,
-    /// up to 3 m outside the curbs.
-    fn write_truth(&self, path: &Path) -> Result<()> {
-        let mut out = BufWriter::new(fs::File::create(path).with_context(|| format!("creating {}", path.display()))?);
-        writeln!(out, "x_m,y_m,elevation_m,surface")?;
-        let end = self.station(f64::from(self.frames) / self.lidar.rate_hz) + 70.0;
-        let reach = 3.0 + self.road.left_curb_m.max(-self.road.right_curb_m);
-        let corners: Vec<(f64, f64)> = (-15..=end as i32)
-            .flat_map(|s| [-reach, reach].map(|lateral| self.road.place(f64::from(s), lateral)))
-            .map(|(x, y, _)| (x + self.origin_m[0], y + self.origin_m[1]))
-            .collect();
-        let bound = |pick: fn(&(f64, f64)) -> f64| {
-            let low = corners.iter().map(pick).fold(f64::INFINITY, f64::min);
-            let high = corners.iter().map(pick).fold(f64::NEG_INFINITY, f64::max);
-            ((low * 10.0).floor() as i64, (high * 10.0).ceil() as i64)
-        };
-        let (x_low, x_high) = bound(|corner| corner.0);
-        let (y_low, y_high) = bound(|corner| corner.1);
-        for iy in y_low..y_high {
-            for ix in x_low..x_high {
-                let (wx, wy) = (ix as f64 * 0.1 + 0.05, iy as f64 * 0.1 + 0.05);
-                let (x, y) = (wx - self.origin_m[0], wy - self.origin_m[1]);
-                let (station, lateral) = self.road.locate(x, y);
-                if station < -15.0 || station > end || self.road.outside(lateral) > 3.0 {
-                    continue;
-                }
-                let z = self.road.height(x, y) + self.origin_m[2];
-                writeln!(out, "{wx:.2},{wy:.2},{z:.4},{}", self.road.surface(station, lateral).name())?;
-            }
-        }
-        out.flush()?;
-        Ok(())
-    }
-}
-
-/// A pose as a line of `poses.txt`: 3x4 row-major, sensor to world.
-#[must_use]
-pub fn pose_line(pose: &SensorPose) -> String {
-    let mut line = String::new();
-    for (row, position) in pose.rotation.iter().zip(pose.position) {
-        for value in row.iter().chain([&position]) {
-            if !line.is_empty() {
-                line.push(' ');
-            }
-            line.push_str(&format!("{value:.9e}"));
-        }
-    }
-    line
 }

@@ -6,12 +6,13 @@
 //! at which it holds there and at every nearer one down to 8 m, in steps of 1 m. Every map judged is at least 2 s old. **False risk**: share of the
 //! known cells of the carriageway, 0.7 m off its curbs and 1 m off its features, of risk >= 0.5.
 
-use anyhow::{Result, anyhow};
+use anyhow::{Result, anyhow, ensure};
 use crossfall_core::terrain::{SLOW, TerrainConfig};
 
 use super::conventional::Conventional;
 use super::drive::{SimulatedFrame, TerrainScene};
 use super::mapper::{Mapper, Workshop};
+use crate::interrupt;
 
 /// Distances judged, m.
 pub const DISTANCES: std::ops::RangeInclusive<u32> = 8..=75;
@@ -113,7 +114,7 @@ pub struct Judged {
 /// Drives a scene and judges the maps of its last `judged` frames.
 ///
 /// # Errors
-/// A scene out of range.
+/// A scene out of range, or the user's wish to stop.
 pub fn judge(scene: &TerrainScene, judged: u32, conventional: Option<Conventional>) -> Result<Judged> {
     scene.check()?;
     let config = TerrainConfig { farthest_m: 110.0, ..TerrainConfig::default() };
@@ -124,6 +125,7 @@ pub fn judge(scene: &TerrainScene, judged: u32, conventional: Option<Conventiona
     let step_us = (1e6 / scene.lidar.rate_hz) as u32;
     let mut times = Vec::new();
     for index in 0..scene.frames {
+        ensure!(!interrupt::requested(), "interrupted");
         let frame = scene.frame(index)?;
         let started = std::time::Instant::now();
         mapper.integrate(&frame.points, &frame.reported, step_us, &[]);

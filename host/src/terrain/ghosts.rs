@@ -3,11 +3,12 @@
 //! A cell counts as visible again once the sensor could see its ground, by line of sight past the bodies' outlines, in every one of
 //! the last ten frames; by then it must not be risky. Cells beyond 40 m, where rings are metres apart, are left out.
 
-use anyhow::{Result, anyhow};
+use anyhow::{Result, anyhow, ensure};
 use crossfall_core::terrain::{SLOW, TerrainConfig};
 
 use super::drive::{Body, Shape, TerrainScene};
 use super::mapper::Workshop;
+use crate::interrupt;
 
 /// What one scene left behind.
 #[derive(Clone, Debug)]
@@ -23,7 +24,7 @@ pub struct Ghost {
 /// Drives scenes with moving bodies and no boxes.
 ///
 /// # Errors
-/// A scene out of range.
+/// A scene out of range, or the user's wish to stop.
 pub fn ghosts(seed: u64) -> Result<Vec<Ghost>> {
     let body = |shape, at_m, lateral_m, speed_mps, across_mps| Body { shape, at_m, lateral_m, speed_mps, across_mps };
     let cases: [(&'static str, Vec<Body>); 3] = [
@@ -49,6 +50,7 @@ fn drive(name: &'static str, scene: &TerrainScene) -> Result<Ghost> {
     let mut ghost = Ghost { name, visible: 0, risky: 0 };
     let place = |row: usize, column: usize| (0.05 + 0.1 * column as f64, -2.75 + 0.1 * row as f64);
     for index in 0..scene.frames {
+        ensure!(!interrupt::requested(), "interrupted");
         let frame = scene.frame(index)?;
         mapper.integrate(&frame.points, &frame.reported, 100_000, &[]);
         mapper.refresh();

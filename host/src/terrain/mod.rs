@@ -3,6 +3,7 @@
 pub mod conventional;
 pub mod curve;
 pub mod drive;
+mod drive_folder;
 pub mod evaluation;
 pub mod frames;
 pub mod ghosts;
