@@ -50,7 +50,7 @@ fn drive(name: &'static str, scene: &TerrainScene) -> Result<Ghost> {
     let place = |row: usize, column: usize| (0.05 + 0.1 * column as f64, -2.75 + 0.1 * row as f64);
     for index in 0..scene.frames {
         let frame = scene.frame(index)?;
-        mapper.integrate(&frame.points, &frame.reported, 100_000, &[]);
+        mapper.integrate(&frame.points, &frame.reported, 100_000, &[])?;
         mapper.refresh();
         let sensor = scene.station(frame.time_s);
         for row in 0..rows {
