@@ -62,6 +62,12 @@ fn a_drive_goes_through_every_command() {
     ends(&summary, 0);
     let summary: serde_json::Value = serde_json::from_slice(&summary.stdout).unwrap();
     assert_eq!((&summary["miles"][0]["scans"], &summary["miles"][0]["side"]), (&75.into(), &"left".into()));
+    let risk = crossfall(at, &["risk", "drive.log.mcap", "-o", "map", "--csv", "--json"]);
+    ends(&risk, 0);
+    let risk: serde_json::Value = serde_json::from_slice(&risk.stdout).unwrap();
+    let rows = fs::read_to_string(at.join("map/cells.csv")).unwrap().lines().count() as u64;
+    assert_eq!((risk["cells"].as_u64(), names(&at.join("map")).len()), (Some(rows - 1), 6));
+    fails(at, &["risk", "drive.log.mcap", "-o", "map", "--at", "1000"], "--at 1000: there are 1");
     ends(&crossfall(at, &["report", "drive.log.mcap", "-o", "drive.html"]), 0);
     ends(&crossfall(at, &["cloud", "drive.log.mcap", "-o", "drive.laz"]), 0);
     ends(&crossfall(at, &["export", "drive.log.mcap", "--foxglove", "drive.foxglove.mcap"]), 0);

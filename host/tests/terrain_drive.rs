@@ -7,9 +7,11 @@ use std::path::Path;
 use crossfall::terrain::drive::{Body, Shape, TerrainScene};
 use crossfall::terrain::frames::{Choices, FrameFolder};
 use crossfall::terrain::lidar::Lidar;
+use crossfall::terrain::map_files;
 use crossfall::terrain::mapper::Workshop;
-use crossfall::terrain::raster::Raster;
-use crossfall_core::terrain::{SLOW, TerrainConfig};
+use crossfall::terrain::picture::View;
+use crossfall::terrain::raster::Grid;
+use crossfall_core::terrain::{Class, SLOW, TerrainConfig};
 
 fn scene() -> TerrainScene {
     let lidar = Lidar { columns: 600, ..Lidar::default() };
@@ -24,7 +26,7 @@ fn map(scene: &TerrainScene, judge: impl FnOnce(&crossfall::terrain::mapper::Map
     let mut time_s = 0.0;
     for index in 0..scene.frames {
         let frame = scene.frame(index).unwrap();
-        let report = mapper.integrate(&frame.points, &frame.reported, 100_000, &[]);
+        let report = mapper.integrate(&frame.points, &frame.reported, 100_000, &[]).unwrap();
         assert_eq!(report.refused, None, "frame {index}");
         time_s = frame.time_s;
     }
@@ -66,8 +68,9 @@ fn the_same_scene_gives_the_same_points_and_the_same_map() {
         let scene = TerrainScene { frames: 4, ..scene() };
         let mut cells = Vec::new();
         map(&scene, |mapper, _| {
-            let raster = Raster::of(mapper).unwrap();
-            cells = raster.iter().map(|(x, y, c)| (x, y, c.cell.height, c.cell.risk, c.cell.class)).collect();
+            for block in Grid::of(mapper).unwrap().blocks(mapper) {
+                cells.extend(block.unwrap().iter().map(|(at, c)| (at, c.cell.height, c.cell.risk, c.cell.class)));
+            }
         });
         cells
     };
@@ -96,29 +99,47 @@ fn a_parked_car_stands_and_a_post_does_too() {
 fn the_table_of_cells_and_the_rasters_say_the_same() {
     let scene = TerrainScene { frames: 4, ..scene() };
     map(&scene, |mapper, _| {
-        let raster = Raster::of(mapper).unwrap();
+        let grid = Grid::of(mapper).unwrap();
         let folder = tempfile::tempdir().unwrap();
-        let table = folder.path().join("cells.csv");
-        raster.write_csv(&table).unwrap();
-        let mut reader = csv::Reader::from_path(&table).unwrap();
+        let vehicle = scene.frame(3).unwrap().reported;
+        let choices = map_files::Choices { georeference: None, table: true, view: View::whole(&grid), vehicle };
+        let written = map_files::write(mapper, &grid, folder.path(), &choices, |_| Ok(())).unwrap();
+        let mut reader = csv::Reader::from_path(folder.path().join("cells.csv")).unwrap();
         assert_eq!(reader.headers().unwrap(), &["x_m", "y_m", "elevation_m", "sigma_m", "risk", "class"][..]);
         let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
-        assert_eq!(rows.len(), raster.iter().count());
+        assert_eq!(rows.len() as u64, written.known);
         let classes: BTreeSet<&str> = rows.iter().map(|row| row.get(5).unwrap()).collect();
         assert!(classes.contains("free") && classes.contains("curb"), "{classes:?}");
         assert!(rows.iter().all(|row| row.iter().take(5).all(|value| value.parse::<f64>().unwrap().is_finite())));
 
-        let picture = folder.path().join("elevation.tif");
-        raster.write_floats(&picture, |cell| cell.elevation_m as f32).unwrap();
-        let mut decoder = tiff::decoder::Decoder::new(fs::File::open(&picture).unwrap()).unwrap();
-        assert_eq!(decoder.dimensions().unwrap(), (raster.width as u32, raster.height as u32));
-        let tie = decoder.get_tag_f64_vec(tiff::tags::Tag::ModelTiepointTag).unwrap();
-        assert_eq!(&tie[..3], &[0.0, 0.0, 0.0]);
-        assert!((tie[3] - raster.corner[0]).abs() < 1e-9);
-        let tiff::decoder::DecodingResult::F32(values) = decoder.read_image().unwrap() else { panic!("not floats") };
-        let (column, row, cell) = raster.iter().nth(1000).unwrap();
-        let value = values[(raster.height - 1 - row) * raster.width + column];
-        assert_eq!(value, cell.elevation_m as f32);
+        let rasters: Vec<Vec<f64>> = ["elevation.tif", "sigma.tif", "risk.tif", "class.tif"]
+            .iter()
+            .map(|name| {
+                let file = fs::File::open(folder.path().join(name)).unwrap();
+                let mut decoder = tiff::decoder::Decoder::new(file).unwrap();
+                assert_eq!(decoder.dimensions().unwrap(), (grid.width() as u32, grid.height() as u32));
+                let tie = decoder.get_tag_f64_vec(tiff::tags::Tag::ModelTiepointTag).unwrap();
+                assert_eq!(&tie[..3], &[0.0, 0.0, 0.0]);
+                assert!((tie[3] - grid.north_west()[0]).abs() < 1e-9 && (tie[4] - grid.north_west()[1]).abs() < 1e-9);
+                match decoder.read_image().unwrap() {
+                    tiff::decoder::DecodingResult::F32(values) => values.into_iter().map(f64::from).collect(),
+                    tiff::decoder::DecodingResult::U8(values) => values.into_iter().map(f64::from).collect(),
+                    _ => panic!("neither floats nor bytes"),
+                }
+            })
+            .collect();
+        let known = rasters[0].iter().filter(|value| **value > -9000.0).count();
+        assert_eq!(known, rows.len());
+        for row in &rows {
+            let number = |field: usize| row[field].parse::<f64>().unwrap();
+            let column = ((number(0) - grid.north_west()[0]) / grid.cell_m) as usize;
+            let line = ((grid.north_west()[1] - number(1)) / grid.cell_m) as usize;
+            let [elevation, sigma, risk, class] =
+                [0, 1, 2, 3].map(|raster| rasters[raster][line * grid.width() + column]);
+            let off = [elevation - number(2), sigma - number(3), 0.1 * (risk - number(4))];
+            assert!(off.iter().all(|off| off.abs() < 1e-4), "{row:?}: {elevation} {sigma} {risk}");
+            assert_eq!(Class::from_bits(class as u8).name(), &row[5]);
+        }
     });
 }
 

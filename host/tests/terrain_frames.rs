@@ -58,6 +58,13 @@ fn missing_and_malformed_files_are_named_with_line_and_expectation() {
     let boxes = folder(1, IDENTITY);
     fs::write(boxes.path().join("objects.csv"), "frame,x\n0,1\n").unwrap();
     assert!(complaint(boxes.path()).contains("expected frame,x,y,z,length,width,height,yaw"));
+    // Many boxes of one frame: the line is that of the row in the file.
+    let mut rows = String::from("frame,x,y,z,length,width,height,yaw\n");
+    rows.push_str(&"0,10,2,0.7,4.4,1.8,1.5,0.1\n".repeat(10));
+    fs::write(boxes.path().join("objects.csv"), format!("{rows}0,10,2,0.7,-4.4,1.8,1.5,0.1\n")).unwrap();
+    assert!(complaint(boxes.path()).contains("line 12: the box of frame 0 has no sensible size"));
+    fs::write(boxes.path().join("objects.csv"), format!("{rows}\n0,10,x,0.7,4.4,1.8,1.5,0.1\n")).unwrap();
+    assert!(complaint(boxes.path()).contains("line 13"), "{}", complaint(boxes.path()));
 }
 
 #[test]

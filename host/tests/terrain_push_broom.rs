@@ -7,8 +7,10 @@ use crossfall::run;
 use crossfall::simulate::{self, scene::Scene};
 use crossfall::terrain::frames::Choices;
 use crossfall::terrain::lidar::SensorPose;
+use crossfall::terrain::map_files;
 use crossfall::terrain::mapper::Mapper;
-use crossfall::terrain::raster::Raster;
+use crossfall::terrain::picture::View;
+use crossfall::terrain::raster::Grid;
 use crossfall::terrain::source::Source;
 use crossfall_core::protocol::Config;
 use crossfall_core::terrain::{Cell, Class, SLOW, TerrainConfig};
@@ -55,7 +57,7 @@ fn beside<'m>(mapper: &'m Mapper<'_>, path: &'m [SensorPose], left_m: f64) -> im
         let forward = [pose.rotation[0][0], pose.rotation[1][0]];
         let length = forward[0].hypot(forward[1]);
         let [x, y] = [pose.position[0] - left_m * forward[1] / length, pose.position[1] + left_m * forward[0] / length];
-        Some((mapper.cell_at(x, y)?, pose.position[2] - SENSOR_M))
+        Some((mapper.kept_cell_at(x, y).unwrap()?, pose.position[2] - SENSOR_M))
     })
 }
 
@@ -77,7 +79,7 @@ fn a_drive_between_a_curb_and_a_drop_gives_their_heights_risk_and_class() {
     let (mut points, mut path) = (Vec::new(), Vec::new());
     while let Some((index, frame)) = source.next(&mut points) {
         let frame = frame.unwrap();
-        let report = mapper.integrate(&points, &frame.pose, frame.step_us, &frame.boxes);
+        let report = mapper.integrate(&points, &frame.pose, frame.step_us, &frame.boxes).unwrap();
         assert_eq!(report.refused, None, "frame {index}");
         path.push(frame.pose);
     }
@@ -119,10 +121,11 @@ fn a_drive_between_a_curb_and_a_drop_gives_their_heights_risk_and_class() {
     assert!(plain.len() > 1500 && wrong * 1000 < plain.len(), "{wrong} of {} cells of plain road", plain.len());
 
     // The written map names its coordinates.
-    let mut raster = Raster::of(&mapper).unwrap();
-    raster.georeference = source.georeference();
+    let grid = Grid::of(&mapper).unwrap();
+    let (georeference, view) = (source.georeference(), View::whole(&grid));
+    let choices = map_files::Choices { georeference, table: false, view, vehicle: path[0] };
+    map_files::write(&mapper, &grid, folder.path(), &choices, |_| Ok(())).unwrap();
     let file = folder.path().join("elevation.tif");
-    raster.write_floats(&file, |cell| cell.elevation_m as f32).unwrap();
     let mut decoder = tiff::decoder::Decoder::new(std::fs::File::open(&file).unwrap()).unwrap();
     let keys = decoder.get_tag_u32_vec(tiff::tags::Tag::GeoKeyDirectoryTag).unwrap();
     assert!(keys.chunks(4).any(|key| key[0] == 3072 && key[3] == 32618), "{keys:?}");

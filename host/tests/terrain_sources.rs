@@ -117,6 +117,46 @@ fn a_bad_pcd_file_is_an_error_of_its_frame_that_says_where() {
     assert!(complaint(no_z.into_bytes()).contains("x, y and z"));
 }
 
+#[test]
+fn what_a_small_file_tells_is_not_believed_before_it_is_held_against_its_size() {
+    // A field of no values; 143 bytes that tell of four gigabytes; a compression that LZF cannot reach.
+    let lines = String::from_utf8(pcd_header(2, "ascii")).unwrap().replace("COUNT 1 1 1 1 1", "COUNT 1 1 1 0 1");
+    let complaint = |name: &str, bytes: &[u8]| {
+        let folder = folder(&[(name, bytes.to_vec())], IDENTITY);
+        points(folder.path(), &Choices::default(), 0).unwrap_err().to_string()
+    };
+    assert!(complaint("0.pcd", format!("{lines}1 2 3 4\n5 6 7 8\n").as_bytes()).contains("field z: 0 values"));
+    let header = String::from_utf8(pcd_header(4_194_304, "binary_compressed")).unwrap();
+    let wide = header.replace("COUNT 1 1 1 1 1", "COUNT 501 1 1 1 1");
+    for (header, unpacked) in [(&header, 4_194_304u32 * 19), (&wide, 4_194_304 * 1019)] {
+        let sizes = [4u32.to_le_bytes(), unpacked.to_le_bytes(), [0, 7, 0, 7]].concat();
+        let told = complaint("0.pcd", &[header.as_bytes(), &sizes].concat());
+        assert!(told.contains("4 compressed bytes cannot be"), "{told}");
+    }
+
+    let place = tempfile::tempdir().unwrap();
+    let [las, laz] = ["a.las", "a.laz"].map(|name| {
+        las_file(&place.path().join(name), &[[500_000.0, 4_500_000.0, 1.0]]);
+        fs::read(place.path().join(name)).unwrap()
+    });
+    let with = |bytes: &[u8], at: usize, value: &[u8]| {
+        let mut bytes = bytes.to_vec();
+        bytes[at..at + value.len()].copy_from_slice(value);
+        bytes
+    };
+    // Records of 65,535 bytes; 65,536 points; an extended record that reaches to the end of all files.
+    assert!(complaint("0.las", &with(&las, 105, &[0xFF; 2])).contains("ends before 1 points of 65535 bytes"));
+    assert!(complaint("0.las", &with(&las, 247, &[0, 0, 1])).contains("ends before 65536 points"));
+    let record = [[0; 20].as_slice(), &[0xFF; 8], &[0; 32]].concat();
+    let mut extended = with(&with(&las, 235, &(las.len() as u64).to_le_bytes()), 243, &[1]);
+    extended.extend(record);
+    assert!(complaint("0.las", &extended).contains("extended record"), "{}", complaint("0.las", &extended));
+    let first = u32::from_le_bytes(laz[96..100].try_into().unwrap()) as usize;
+    let table = u64::from_le_bytes(laz[first..first + 8].try_into().unwrap()) as usize;
+    let told = complaint("0.laz", &with(&laz, table + 4, &[0xFF; 4]));
+    assert!(told.contains("4294967295 chunks do not fit"), "{told}");
+}
+
 fn las_file(path: &Path, places: &[[f64; 3]]) {
     let mut builder = las::Builder::from((1, 4));
     let axis = |offset: f64| las::Transform { scale: 0.001, offset };

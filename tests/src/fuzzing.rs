@@ -6,6 +6,7 @@
 mod bytes;
 pub mod corpus;
 mod files;
+mod frames;
 mod instrument;
 pub mod mutate;
 
@@ -13,7 +14,7 @@ pub mod mutate;
 pub type Target = fn(&[u8]);
 
 /// Every target by its name.
-pub const TARGETS: [(&str, Target); 9] = [
+pub const TARGETS: [(&str, Target); 10] = [
     ("lms", bytes::lms),
     ("novatel", bytes::novatel),
     ("link", bytes::link),
@@ -23,6 +24,7 @@ pub const TARGETS: [(&str, Target); 9] = [
     ("scene_toml", files::scene_toml),
     ("config_toml", files::config_toml),
     ("instrument", instrument::instrument),
+    ("frames", frames::frames),
 ];
 
 /// Runs the target of a name.

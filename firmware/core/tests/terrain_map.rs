@@ -1,5 +1,6 @@
 //! Properties of the elevation and risk map, on synthetic ground sampled at the cells' centres.
 
+use crossfall_core::scan::MAX_BEAMS;
 use crossfall_core::terrain::{
     Cell, Class, IMAGE_COLUMNS, IMAGE_ROWS, Marks, MovingBox, Pair, Pose, RangePixels, Refusal, Sample, SetUpError,
     Storage, TILE_SIDE, TerrainConfig, TerrainMap, Tile, TileKey,
@@ -31,17 +32,24 @@ impl Memory {
     }
 
     fn map(&mut self) -> TerrainMap<'_> {
-        // Everything around, centred on the sensor: the grid's symmetry is then the scene's.
-        let config = TerrainConfig { ahead_m: 0.0, half_turn: 0.5, nearest_m: 0.5, ..TerrainConfig::default() };
+        self.map_of(around())
+    }
+
+    fn map_of(&mut self, config: TerrainConfig) -> TerrainMap<'_> {
         let storage = Storage {
             tiles: &mut self.tiles,
             marks: &mut self.marks,
             samples: &mut self.samples,
             pairs: &mut self.pairs,
-            pixels: &mut self.pixels,
+            pixels: Some(&mut self.pixels),
         };
         TerrainMap::new(config, SIDE, storage).unwrap()
     }
+}
+
+/// Everything around, centred on the sensor: the grid's symmetry is then the scene's.
+fn around() -> TerrainConfig {
+    TerrainConfig { ahead_m: 0.0, half_turn: 0.5, nearest_m: 0.5, ..TerrainConfig::default() }
 }
 
 /// Points on `ground(x, y)` at the centres of the cells within 8 m of the sensor.
@@ -302,12 +310,16 @@ fn storage_or_numbers_that_do_not_fit_are_refused_by_name() {
             marks: memory.marks.get_mut(..marks).unwrap(),
             samples: memory.samples.get_mut(..samples).unwrap(),
             pairs: memory.pairs.get_mut(..pairs).unwrap(),
-            pixels: &mut memory.pixels,
+            pixels: Some(&mut memory.pixels),
         };
         TerrainMap::new(config, side, storage).err()
     };
     let sound = TerrainConfig::default();
     assert_eq!(refusal(sound, SIDE, 144, 1, 256), None);
+    let mut memory = Memory::new();
+    let Memory { tiles, marks, samples, pairs, .. } = &mut memory;
+    let blind = TerrainMap::new(sound, SIDE, Storage { tiles, marks, samples, pairs, pixels: None });
+    assert_eq!(blind.err(), Some(SetUpError::RangeImage));
     assert_eq!(refusal(sound, 0, 144, 1, 256), Some(SetUpError::Side));
     assert_eq!(refusal(sound, 256, 144, 1, 256), Some(SetUpError::Side));
     assert_eq!(refusal(sound, SIDE + 1, 144, 1, 256), Some(SetUpError::TileStorage));
@@ -377,4 +389,53 @@ fn the_same_frames_give_the_bits_that_they_always_gave() {
         take(u64::from(cell.tall) << 16 | (cell.class as u64) << 8 | u64::from(cell.confidence));
     }
     assert_eq!(digest, 0x281d_2538_ca38_ad3c, "{digest:#018x}");
+}
+
+#[test]
+fn a_push_brooms_window_of_64_by_64_cells_fits_into_64_kib() {
+    const TILES: usize = 4 * 4;
+    let (tiles, marks) = (&mut [const { Tile::EMPTY }; TILES], &mut [const { Marks::EMPTY }; TILES]);
+    // A scan a frame.
+    let (samples, pairs) = (&mut [Sample::default(); MAX_BEAMS], &mut [Pair::default(); 256]);
+    let lent = size_of_val(tiles) + size_of_val(marks) + size_of_val(samples) + size_of_val(pairs);
+    let all = lent + size_of::<TerrainMap<'_>>();
+    println!("{lent} bytes lent, {all} in all");
+    assert!(all <= 64 << 10, "{all} bytes");
+
+    let config = TerrainConfig { push_broom: true, ..around() };
+    let mut map = TerrainMap::new(config, 4, Storage { tiles, marks, samples, pairs, pixels: None }).unwrap();
+    // Lines across the road, with a wall on the left, pushed on by 0.1 m each.
+    let line: Vec<[f32; 4]> = (-30..30)
+        .map(|step| 0.1 * step as f32 + 0.05)
+        .map(|y| [0.0, y, if y > 2.5 { 1.0 } else { 0.0 } - UP, 0.0])
+        .collect();
+    for step in 0..10i64 {
+        let mut at = pose(0, 0);
+        at.position_um[0] += 50_000 + 100_000 * step;
+        assert_eq!(map.integrate(&line, &at, 50_000, &[], |_| {}).refused, None, "line {step}");
+    }
+    map.refresh_all();
+    let wall = (0..10).filter(|x| cell(&map, *x, 27).is_some_and(|cell| cell.tall)).count();
+    let road =
+        (0..10).filter(|x| cell(&map, *x, 0).is_some_and(|cell| cell.height.is_some() && cell.risk == 0)).count();
+    assert_eq!((wall, road), (10, 10));
+}
+
+/// 25 m of road train on cells of 5 cm: no vehicle is too long for the map, and what is no vehicle is counted.
+#[test]
+fn a_long_vehicle_is_left_out_whatever_the_cells_and_a_senseless_box_is_counted() {
+    let body = |x: f32, y: f32| if (-4.0..7.5).contains(&x) && y.abs() < 1.0 { 0.3 } else { 0.0 };
+    let run = |boxes: &[MovingBox]| {
+        let mut memory = Memory::new();
+        let mut map = memory.map_of(TerrainConfig { cell_m: 0.05, ..around() });
+        let report = map.integrate(&frame(body), &pose(0, 0), 100_000, boxes, |_| {});
+        (report.points.boxed, report.boxes_refused)
+    };
+    let train = MovingBox { centre_um: [-4_800_000, 0], half_m: [12.7, 1.5], heading: [1.0, 0.0] };
+    let (boxed, refused) = run(&[train]);
+    assert!(boxed > 1500 && refused == 0, "{boxed} points boxed, {refused} refused");
+    let whale = MovingBox { half_m: [24.0, 1.5], ..train };
+    let nowhere = MovingBox { half_m: [f32::NAN, 1.0], ..train };
+    let far = MovingBox { centre_um: [i64::MAX, i64::MIN], ..train };
+    assert_eq!(run(&[whale, nowhere, far]), (0, 2));
 }

@@ -1,23 +1,24 @@
 //! `crossfall risk FRAMES -o DIR`: elevation and driving risk maps from 3-D LiDAR frames, or of the road that a drive has passed.
 //!
 //! Reads a folder of frames, a Velodyne's network capture or a log and writes `elevation.tif`, `sigma.tif`, `risk.tif`, `class.tif` (GeoTIFF),
-//! `risk.png` (shade is degree) and, on request, `cells.csv` and one picture a frame. `--at` stops after a frame, so
-//! that what was known then can be judged. A frame that cannot be trusted is left out, told on stderr and counted; the map
+//! `risk.png` (shade is degree) and, on request, `cells.csv` and one picture a frame. What the window leaves behind waits in the
+//! output's folder, so that memory does not grow with the map. `--at` stops after a frame, so that what was known then can be judged. A frame that cannot be trusted is left out, told on stderr and counted; the map
 //! is never touched by it, and the command ends with 3.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result, anyhow, bail};
 use crossfall::interrupt;
 use crossfall::terrain::frames::Choices;
 use crossfall::terrain::lidar::SensorPose;
-use crossfall::terrain::mapper::Mapper;
-use crossfall::terrain::picture::{View, draw};
-use crossfall::terrain::raster::Raster;
+use crossfall::terrain::map_files::{self, Cells};
+use crossfall::terrain::mapper::{Kept, Mapper};
+use crossfall::terrain::picture::{Picture, View};
+use crossfall::terrain::raster::Grid;
 use crossfall::terrain::source::Source;
-use crossfall_core::terrain::{Decision, FrameReport, Refusal, TerrainConfig};
+use crossfall_core::terrain::{FrameReport, Refusal, TerrainConfig};
 
 use super::progress::Progress;
 use super::{Outcome, drives, say, say_json, tell};
@@ -103,12 +104,18 @@ struct Summary {
     points: u64,
     points_not_finite: u64,
     points_over_capacity: u64,
-    cells: usize,
-    cells_slow: usize,
-    cells_stop: usize,
+    boxes_refused: u64,
+    cells: u64,
+    cells_slow: u64,
+    cells_stop: u64,
     ms_per_frame_median: f64,
     ms_per_frame_worst: f64,
+    /// Lent to the map.
     map_bytes: usize,
+    /// What it left behind: tiles, and what they took in memory and, while the command ran, on the disk.
+    tiles_behind: usize,
+    behind_bytes: u64,
+    behind_disk_bytes: u64,
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
@@ -132,12 +139,17 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut workshop = source.workshop(config, args.range, capacity);
     let mut summary = Summary { map_bytes: workshop.bytes(), ..Summary::default() };
     let mut mapper = workshop.open().map_err(|what| anyhow!("the map cannot be set up: {what:?}"))?;
-    mapper.keep_behind(!args.window);
+    if args.window {
+        mapper.forget_behind();
+    } else {
+        mapper.keep_in(&args.output).with_context(|| format!("keeping the map in {}", args.output.display()))?;
+    }
 
     let progress = Progress::new("risk", source.frames().map_or(0, |count| count.min(last + 1)) as u64);
     let mut points = Vec::new();
     let mut times = Vec::new();
     let mut vehicle = None;
+    let (mut seen, mut cut) = (0, false);
     // Time since the last frame that reached the map: frames that could not be read count as well.
     let mut step_us = 0u32;
     while let Some((index, frame)) = source.next(&mut points) {
@@ -145,6 +157,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             bail!("interrupted");
         }
         summary.frames += 1;
+        seen = index + 1;
         progress.at(index as u64);
         let frame = match frame {
             Ok(frame) => frame,
@@ -161,7 +174,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
         step_us = step_us.saturating_add(frame.step_us);
         let pose = &frame.pose;
         let started = Instant::now();
-        let report = mapper.integrate(&points, pose, step_us, &frame.boxes);
+        let report = mapper
+            .integrate(&points, pose, step_us, &frame.boxes)
+            .with_context(|| format!("keeping the map in {}", args.output.display()))?;
         step_us = 0;
         let ms = started.elapsed().as_secs_f64() * 1e3;
         summary.account(&report);
@@ -189,35 +204,54 @@ pub fn run(args: &Args) -> Result<Outcome> {
             && let Some(pose) = &vehicle
         {
             mapper.refresh();
-            let raster = Raster::of_window(&mapper);
-            if let Some(raster) = raster {
-                draw(&raster, around(pose, args.range), Some(pose), &series.join(format!("{index:06}.png")))?;
-            }
+            draw_window(&mapper, around(pose, args, 1), pose, &series.join(format!("{index:06}.png")))?;
+        }
+        if let Err(large) = Grid::check(&mapper) {
+            tell!("frame {index}: the map ends here: {large}");
+            cut = true;
+            break;
         }
         if index >= last {
             break;
         }
     }
     drop(progress);
+    if let Some(wanted) = args.at.filter(|wanted| *wanted >= seen && !cut) {
+        bail!("--at {wanted}: there are {seen} frames, counted from 0");
+    }
     let Some(vehicle) = vehicle else { bail!("none of the {} frames could be used", summary.frames) };
     mapper.refresh();
     let losses = source.losses();
     for loss in &losses {
         tell!("{loss}");
     }
+    if summary.boxes_refused > 0 {
+        tell!("{} boxes of moving objects are larger than any vehicle and were not used", summary.boxes_refused);
+    }
     write_maps(args, &mapper, source.georeference(), &vehicle, &mut summary)?;
     times.sort_by(f64::total_cmp);
     summary.ms_per_frame_median = times[times.len() / 2];
     summary.ms_per_frame_worst = times[times.len() - 1];
     summary.print(args.json)?;
-    let lost = !losses.is_empty() || summary.refused > 0 || summary.points_over_capacity > 0;
-    Ok(Outcome::lost_if(lost))
+    let lost = summary.refused > 0 || summary.points_over_capacity > 0 || summary.boxes_refused > 0;
+    Ok(Outcome::lost_if(lost || cut || !losses.is_empty()))
 }
 
-fn around(pose: &SensorPose, range: f32) -> View {
-    let range = f64::from(range);
+/// The surroundings of a vehicle, most of them ahead.
+fn around(pose: &SensorPose, args: &Args, zoom: usize) -> View {
+    let range = f64::from(args.range);
     let ahead = |axis: usize| pose.position[axis] + pose.rotation[axis][0] * 0.42 * range;
-    View { centre: [ahead(0), ahead(1)], half: [0.6 * range, 0.6 * range], zoom: 1 }
+    View::around([ahead(0), ahead(1)], 0.6 * range, f64::from(args.cell), zoom)
+}
+
+/// Draws what the map's window knows; nothing if that is nothing.
+fn draw_window(mapper: &Mapper<'_>, view: View, vehicle: &SensorPose, path: &Path) -> Result<()> {
+    let Some(grid) = Grid::of_window(mapper) else { return Ok(()) };
+    let mut picture = Picture::new(view, grid.cell_m);
+    for block in grid.blocks(mapper) {
+        picture.draw(&block?);
+    }
+    picture.write(vehicle, path)
 }
 
 fn write_maps(
@@ -227,27 +261,21 @@ fn write_maps(
     vehicle: &SensorPose,
     summary: &mut Summary,
 ) -> Result<()> {
-    let mut raster = Raster::of(mapper).ok_or_else(|| anyhow!("the frames hold no ground"))?;
-    raster.georeference = georeference;
-    for (_, _, cell) in raster.iter() {
-        summary.cells += 1;
-        match Decision::of(cell.cell.risk) {
-            Decision::Free => {}
-            Decision::Slow => summary.cells_slow += 1,
-            Decision::Stop => summary.cells_stop += 1,
+    let grid = Grid::of(mapper).ok_or_else(|| anyhow!("the frames hold no ground"))?;
+    let view = if args.at.is_some() || args.window { around(vehicle, args, 2) } else { View::whole(&grid) };
+    let choices = map_files::Choices { georeference, table: args.csv, view, vehicle: *vehicle };
+    let progress = Progress::new("writing", grid.known_blocks() as u64);
+    let Cells { known, slow, stop } = map_files::write(mapper, &grid, &args.output, &choices, |written| {
+        progress.at(written);
+        if interrupt::requested() {
+            bail!("interrupted");
         }
-    }
-    let path = |name: &str| args.output.join(name);
-    raster.write_floats(&path("elevation.tif"), |cell| cell.elevation_m as f32)?;
-    raster.write_floats(&path("sigma.tif"), |cell| cell.sigma_m as f32)?;
-    raster.write_floats(&path("risk.tif"), |cell| f32::from(cell.cell.risk) / 255.0)?;
-    raster.write_bytes(&path("class.tif"), |cell| cell.cell.class as u8)?;
-    if args.csv {
-        raster.write_csv(&path("cells.csv"))?;
-    }
-    let view =
-        if args.at.is_some() || args.window { View { zoom: 2, ..around(vehicle, args.range) } } else { raster.view() };
-    draw(&raster, view, Some(vehicle), &path("risk.png"))
+        Ok(())
+    })?;
+    (summary.cells, summary.cells_slow, summary.cells_stop) = (known, slow, stop);
+    let Kept { tiles, memory, disk } = mapper.kept();
+    (summary.tiles_behind, summary.behind_bytes, summary.behind_disk_bytes) = (tiles, memory, disk);
+    Ok(())
 }
 
 /// Says on stderr what was wrong with a frame.
@@ -268,6 +296,7 @@ impl Summary {
         self.mapped += usize::from(report.refused.is_none());
         self.refused += usize::from(report.refused.is_some());
         self.restarts += usize::from(report.restarted);
+        self.boxes_refused += u64::from(report.boxes_refused);
         self.points += u64::from(report.points.given);
         self.points_not_finite += u64::from(report.points.not_finite);
         self.points_over_capacity += u64::from(report.points.over_capacity);
@@ -288,7 +317,13 @@ impl Summary {
                 "time         {:.2} ms a frame (median), {:.2} worst",
                 self.ms_per_frame_median, self.ms_per_frame_worst
             ),
-            format!("memory       {:.1} MB, constant", self.map_bytes as f64 * 1e-6),
+            format!(
+                "memory       {:.1} MB of map, {:.1} MB for {} tiles behind it ({:.1} MB on the disk meanwhile)",
+                self.map_bytes as f64 * 1e-6,
+                self.behind_bytes as f64 * 1e-6,
+                self.tiles_behind,
+                self.behind_disk_bytes as f64 * 1e-6
+            ),
         ];
         Ok(say(&lines.join("\n"))?)
     }

@@ -120,7 +120,7 @@ pub fn judge(scene: &TerrainScene, judged: u32, conventional: Option<Conventiona
     let config = TerrainConfig { farthest_m: 110.0, ..TerrainConfig::default() };
     let mut workshop = Workshop::for_range(config, 75.0, 300_000);
     let mut mapper = workshop.open().map_err(|what| anyhow!("the map cannot be set up: {what:?}"))?;
-    mapper.keep_behind(false);
+    mapper.forget_behind();
     let mut out = Judged::default();
     let step_us = (1e6 / scene.lidar.rate_hz) as u32;
     let mut times = Vec::new();
@@ -128,7 +128,7 @@ pub fn judge(scene: &TerrainScene, judged: u32, conventional: Option<Conventiona
         ensure!(!interrupt::requested(), "interrupted");
         let frame = scene.frame(index)?;
         let started = std::time::Instant::now();
-        mapper.integrate(&frame.points, &frame.reported, step_us, &[]);
+        mapper.integrate(&frame.points, &frame.reported, step_us, &[])?;
         times.push(started.elapsed().as_secs_f64() * 1e3);
         if index + judged < scene.frames {
             continue;

@@ -409,14 +409,17 @@ fn read_objects(path: &Path) -> Result<BTreeMap<usize, Vec<MovingBox>>, Error> {
         Error::Line { path: path.into(), line, what: format!("expected frame,x,y,z,length,width,height,yaw: {error}") }
     };
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_path(path).map_err(wrong)?;
+    let names = reader.headers().map_err(wrong)?.clone();
     let mut objects: BTreeMap<usize, Vec<MovingBox>> = BTreeMap::new();
-    for row in reader.deserialize::<ObjectRow>() {
-        let row = row.map_err(wrong)?;
+    let mut record = csv::StringRecord::new();
+    while reader.read_record(&mut record).map_err(wrong)? {
+        let row: ObjectRow = record.deserialize(Some(&names)).map_err(wrong)?;
         let sound = [row.x, row.y, row.z, row.length, row.width, row.height, row.yaw].iter().all(|v| v.is_finite());
-        // The map draws outlines of up to 25 m: longer than any vehicle.
+        // The map draws boxes of up to 50 m of length and width together, the margins included: more than any vehicle has.
         if !sound || row.length <= 0.0 || row.width <= 0.0 || row.length + row.width > 40.0 {
             let what = format!("the box of frame {} has no sensible size", row.frame);
-            return Err(Error::Line { path: path.into(), line: objects.len() + 2, what });
+            let line = record.position().map_or(1, |position| position.line() as usize);
+            return Err(Error::Line { path: path.into(), line, what });
         }
         objects.entry(row.frame).or_default().push(row.outline());
     }

@@ -52,7 +52,7 @@ fn drive(name: &'static str, scene: &TerrainScene) -> Result<Ghost> {
     for index in 0..scene.frames {
         ensure!(!interrupt::requested(), "interrupted");
         let frame = scene.frame(index)?;
-        mapper.integrate(&frame.points, &frame.reported, 100_000, &[]);
+        mapper.integrate(&frame.points, &frame.reported, 100_000, &[])?;
         mapper.refresh();
         let sensor = scene.station(frame.time_s);
         for row in 0..rows {

@@ -1,12 +1,20 @@
 //! LAS and LAZ frames, one file a frame.
+//!
+//! The library makes room for what a header tells, so what it tells is held against the file's size first.
 
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use las::Reader;
 
 use super::frames::{Error, MOST_POINTS};
 
+/// Bytes of points that are read at once.
+const PART: u64 = 4 << 20;
+
 fn open(path: &Path) -> Result<Reader, Error> {
+    check(path)?;
     Reader::from_path(path).map_err(|source| Error::Las { path: path.into(), source })
 }
 
@@ -26,8 +34,9 @@ pub(super) fn read(path: &Path, put: &mut impl FnMut([f64; 3], f32)) -> Result<(
     if left > MOST_POINTS {
         return Err(Error::Large { path: path.into(), bytes: left });
     }
+    let most = PART / u64::from(reader.header().point_format().len()).max(1);
     while left > 0 {
-        let part = left.min(1 << 16);
+        let part = left.min(most);
         let points = reader.read_points(part).map_err(|source| Error::Las { path: path.into(), source })?;
         if points.is_empty() {
             let what = format!("the file ends {left} points before what its header tells");
@@ -39,4 +48,69 @@ pub(super) fn read(path: &Path, put: &mut impl FnMut([f64; 3], f32)) -> Result<(
         }
     }
     Ok(())
+}
+
+/// Refuses a file that is shorter than its points (LAS), its chunks (LAZ) or its extended records are told to be. What else is wrong with it, and a
+/// file that is none of either, is the library's to say.
+fn check(path: &Path) -> Result<(), Error> {
+    let failed = |source| Error::Read { path: path.into(), source };
+    let mut file = File::open(path).map_err(failed)?;
+    let bytes = file.metadata().map_err(failed)?.len();
+    let wrong = |offset, what| Err(Error::Format { path: path.into(), offset, what });
+    // LAS 1.4 R15, table 3; the last of what is needed ends at 255.
+    let head = bytes_at::<255>(&mut file, 0).map_err(failed)?;
+    let number = |at: usize, size: usize| whole(&head[at..at + size]);
+    if !head.starts_with(b"LASF") {
+        return Ok(());
+    }
+    let (first, format, record) = (number(96, 4), head[104], number(105, 2));
+    let extended = head[25] >= 4;
+    let points = number(107, 4).max(if extended { number(247, 8) } else { 0 });
+    // Either of the upper bits stands for LAZ.
+    if format & 0xC0 == 0 {
+        if first.saturating_add(points.saturating_mul(record)) > bytes {
+            return wrong(
+                bytes,
+                format!("the file ends before {points} points of {record} bytes, which its header tells"),
+            );
+        }
+    } else {
+        let mut table = whole(&bytes_at::<8>(&mut file, first).map_err(failed)?);
+        // Written by a program that could not go back: the table's place stands at the end.
+        if table == u64::MAX {
+            table = whole(&bytes_at::<8>(&mut file, bytes.saturating_sub(8)).map_err(failed)?);
+        }
+        let chunks = whole(&bytes_at::<8>(&mut file, table).map_err(failed)?[4..]);
+        if chunks > bytes {
+            return wrong(table, format!("{chunks} chunks do not fit into {bytes} bytes"));
+        }
+    }
+    let mut at = number(235, 8);
+    for _ in 0..if extended { number(243, 4) } else { 0 } {
+        let record = bytes_at::<60>(&mut file, at).map_err(failed)?;
+        let length = whole(&record[20..28]);
+        let end = at.saturating_add(60).saturating_add(length);
+        if end > bytes {
+            return wrong(at, format!("an extended record of {length} bytes does not fit into {bytes} bytes"));
+        }
+        at = end;
+    }
+    Ok(())
+}
+
+/// A whole number of up to eight bytes, the lowest first.
+fn whole(bytes: &[u8]) -> u64 {
+    bytes.iter().rev().fold(0, |value, byte| value << 8 | u64::from(*byte))
+}
+
+/// Bytes at a place of a file, zeros where it has ended.
+fn bytes_at<const N: usize>(file: &mut File, at: u64) -> io::Result<[u8; N]> {
+    let mut bytes = Vec::with_capacity(N);
+    // No file reaches further than a place can be sought.
+    if at <= i64::MAX as u64 {
+        file.seek(SeekFrom::Start(at))?;
+        file.take(N as u64).read_to_end(&mut bytes)?;
+    }
+    bytes.resize(N, 0);
+    Ok(bytes.try_into().unwrap_or([0; N]))
 }

@@ -1,12 +1,14 @@
 //! The core's map with its storage on the heap, and the record of what the window leaves behind.
 
-use std::collections::BTreeMap;
+use std::io;
+use std::path::Path;
 
 use crossfall_core::terrain::{
     Cell, FrameReport, IMAGE_COLUMNS, IMAGE_ROWS, Marks, MovingBox, Pair, Pose, RangePixels, Sample, SetUpError,
     Storage, TILE_SIDE, TerrainConfig, TerrainMap, Tile, TileKey,
 };
 
+use super::behind::Behind;
 use super::lidar::SensorPose;
 
 /// The memory that a map works in.
@@ -15,7 +17,8 @@ pub struct Workshop {
     marks: Vec<Marks>,
     samples: Vec<Sample>,
     pairs: Vec<Pair>,
-    pixels: Box<RangePixels>,
+    /// None where nothing is looked through.
+    pixels: Option<Box<RangePixels>>,
     side: u16,
     config: TerrainConfig,
 }
@@ -25,13 +28,16 @@ impl Workshop {
     #[must_use]
     pub fn new(config: TerrainConfig, side: u16, points: usize) -> Self {
         let count = usize::from(side) * usize::from(side);
-        let pixels = vec![0u16; IMAGE_COLUMNS * IMAGE_ROWS].into_boxed_slice();
+        let pixels = || -> Box<RangePixels> {
+            let pixels = vec![0u16; IMAGE_COLUMNS * IMAGE_ROWS].into_boxed_slice();
+            pixels.try_into().unwrap_or_else(|_| Box::new([0; IMAGE_COLUMNS * IMAGE_ROWS]))
+        };
         Self {
             tiles: vec![Tile::EMPTY; count],
             marks: vec![Marks::EMPTY; count],
             samples: vec![Sample::default(); points.max(1)],
-            pairs: vec![Pair::default(); 10_000],
-            pixels: pixels.try_into().unwrap_or_else(|_| Box::new([0; IMAGE_COLUMNS * IMAGE_ROWS])),
+            pairs: vec![Pair::default(); if config.push_broom { 256 } else { 10_000 }],
+            pixels: (!config.push_broom).then(pixels),
             side,
             config,
         }
@@ -54,7 +60,7 @@ impl Workshop {
             + size_of_val(self.marks.as_slice())
             + size_of_val(self.samples.as_slice())
             + size_of_val(self.pairs.as_slice())
-            + size_of_val(self.pixels.as_ref())
+            + self.pixels.as_ref().map_or(0, |_| size_of::<RangePixels>())
     }
 
     /// An empty map in this memory.
@@ -70,47 +76,90 @@ impl Workshop {
                 marks: &mut self.marks,
                 samples: &mut self.samples,
                 pairs: &mut self.pairs,
-                pixels: &mut self.pixels,
+                pixels: self.pixels.as_deref_mut(),
             },
         )?;
-        Ok(Mapper { map, behind: BTreeMap::new(), keep: true })
+        Ok(Mapper { map, behind: Some(Behind::in_memory()) })
     }
 }
 
 /// A map and the tiles that its window has left behind.
 pub struct Mapper<'a> {
     map: TerrainMap<'a>,
-    behind: BTreeMap<TileKey, Tile>,
-    keep: bool,
+    /// None where they are forgotten.
+    behind: Option<Behind>,
+}
+
+/// What is kept of the tiles left behind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Kept {
+    /// Their number.
+    pub tiles: usize,
+    /// Bytes of memory.
+    pub memory: u64,
+    /// Bytes on the disk.
+    pub disk: u64,
 }
 
 impl<'a> Mapper<'a> {
-    /// Whether tiles that leave the window are kept for the outputs. They are, unless told otherwise.
-    pub fn keep_behind(&mut self, keep: bool) {
-        self.keep = keep;
+    /// Keeps the tiles that leave the window in a nameless file of this folder, not in memory as it is at first.
+    ///
+    /// # Errors
+    /// A folder that takes no file.
+    pub fn keep_in(&mut self, folder: &Path) -> io::Result<()> {
+        self.behind = Some(Behind::in_folder(folder)?);
+        Ok(())
+    }
+
+    /// Forgets the tiles that leave the window.
+    pub fn forget_behind(&mut self) {
+        self.behind = None;
+    }
+
+    /// What is kept of the tiles that the window left.
+    #[must_use]
+    pub fn kept(&self) -> Kept {
+        let Some(behind) = &self.behind else { return Kept::default() };
+        let (memory, disk) = behind.bytes();
+        Kept { tiles: behind.len(), memory, disk }
+    }
+
+    /// The lowest and the highest tile of the rectangle around all that the window left.
+    #[must_use]
+    pub fn bounds_behind(&self) -> Option<[TileKey; 2]> {
+        self.behind.as_ref()?.bounds()
     }
 
     /// Takes a frame in.
+    ///
+    /// # Errors
+    /// Tiles that could not be kept on the disk.
     pub fn integrate(
         &mut self,
         points: &[[f32; 4]],
         pose: &SensorPose,
         dt_us: u32,
         boxes: &[MovingBox],
-    ) -> FrameReport {
-        let (behind, keep) = (&mut self.behind, self.keep);
-        if keep {
+    ) -> io::Result<FrameReport> {
+        if self.behind.is_some() {
             self.map.finish_leaving(&to_core(pose));
         }
+        let behind = &mut self.behind;
+        let mut kept = Ok(());
         let report = self.map.integrate(points, &to_core(pose), dt_us, boxes, |tile| {
-            if keep {
-                behind.insert(tile.key(), tile.clone());
+            if let Some(behind) = behind
+                && kept.is_ok()
+            {
+                kept = behind.put(tile);
             }
         });
-        if report.restarted {
-            behind.clear();
+        kept?;
+        if let Some(behind) = behind
+            && report.restarted
+        {
+            behind.clear()?;
         }
-        report
+        Ok(report)
     }
 
     /// Brings risk and classes up to date everywhere in the window.
@@ -124,23 +173,56 @@ impl<'a> Mapper<'a> {
         &self.map
     }
 
-    /// All tiles: those of the window, and those left behind that it does not cover now. Ordered by place.
-    #[must_use]
-    pub fn tiles(&self) -> BTreeMap<TileKey, &Tile> {
-        let mut all: BTreeMap<TileKey, &Tile> = self.behind.iter().map(|(key, tile)| (*key, tile)).collect();
-        all.extend(self.map.tiles().map(|tile| (tile.key(), tile)));
-        all
+    /// The places of all tiles: those of the window, and those left behind. Some come twice.
+    pub fn keys(&self) -> impl Iterator<Item = TileKey> + '_ {
+        self.map.tiles().map(Tile::key).chain(self.behind.iter().flat_map(Behind::keys))
     }
 
-    /// The cell at a world position.
+    /// Gives the cells of a tile with column and row: the window's own, else what is kept of it.
+    ///
+    /// # Errors
+    /// A tile that cannot be read back.
+    pub fn cells(&self, key: TileKey, mut each: impl FnMut(usize, usize, Cell)) -> io::Result<()> {
+        if let Some(tile) = self.map.tile(key) {
+            for index in 0..TILE_SIDE * TILE_SIDE {
+                let (column, row) = (index % TILE_SIDE, index / TILE_SIDE);
+                each(column, row, tile.cell(column, row));
+            }
+        } else if let Some(behind) = &self.behind {
+            behind.cells(key, each)?;
+        }
+        Ok(())
+    }
+
+    /// The window's cell at a world position.
     #[must_use]
     pub fn cell_at(&self, x: f64, y: f64) -> Option<Cell> {
+        let (key, column, row) = self.place(x, y);
+        Some(self.map.tile(key)?.cell(column, row))
+    }
+
+    /// The same, also where the window has gone on.
+    ///
+    /// # Errors
+    /// A tile that cannot be read back.
+    pub fn kept_cell_at(&self, x: f64, y: f64) -> io::Result<Option<Cell>> {
+        let (key, column, row) = self.place(x, y);
+        let mut found = None;
+        self.cells(key, |at, up, cell| {
+            if (at, up) == (column, row) {
+                found = Some(cell);
+            }
+        })?;
+        Ok(found)
+    }
+
+    /// Tile, column and row of a world position.
+    fn place(&self, x: f64, y: f64) -> (TileKey, usize, usize) {
         let cell = self.map.cell_um() as f64 * 1e-6;
         let (ix, iy) = ((x / cell).floor() as i64, (y / cell).floor() as i64);
         let side = TILE_SIDE as i64;
         let key = TileKey { x: ix.div_euclid(side) as i32, y: iy.div_euclid(side) as i32 };
-        let tile = self.map.tile(key).or_else(|| self.behind.get(&key))?;
-        Some(tile.cell(ix.rem_euclid(side) as usize, iy.rem_euclid(side) as usize))
+        (key, ix.rem_euclid(side) as usize, iy.rem_euclid(side) as usize)
     }
 
     /// World height of a cell's quarter-millimetre height, m.

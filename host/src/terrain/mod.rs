@@ -1,14 +1,17 @@
 //! The driving risk map on a desk: frames in, maps and pictures out, and the simulation that shows what it is worth.
 
+mod behind;
 pub mod conventional;
 pub mod curve;
 pub mod drive;
 mod drive_folder;
 pub mod evaluation;
 pub mod frames;
+pub mod geotiff;
 pub mod ghosts;
 mod las_frames;
 pub mod lidar;
+pub mod map_files;
 pub mod mapper;
 mod pcd;
 pub mod picture;

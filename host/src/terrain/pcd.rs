@@ -79,6 +79,11 @@ pub(super) fn read(path: &Path, data: &[u8], put: &mut impl FnMut([f64; 3], f32)
             if unpacked != total {
                 return Err(wrong(header.length + 4, format!("{unpacked} bytes unpacked, the header tells {total}")));
             }
+            // Three bytes give 264 at most.
+            if unpacked as u64 > (packed as u64 * 88).min(MOST_POINTS * 64) {
+                let what = format!("{packed} compressed bytes cannot be {unpacked}, or no frame has as many");
+                return Err(wrong(header.length, what));
+            }
             let Some(block) = rest.get(8..8 + packed) else {
                 let found = rest.len().saturating_sub(8);
                 return Err(wrong(data.len(), format!("the file ends after {found} of {packed} compressed bytes")));
@@ -163,8 +168,8 @@ fn header(path: &Path, data: &[u8]) -> Result<Header, Error> {
     let (mut bytes, mut words) = (0usize, 0usize);
     for ((name, (size, kind)), count) in names.iter().zip(sizes.into_iter().zip(kinds)).zip(counts) {
         let known = matches!((kind, size), (b'F', 4 | 8) | (b'I' | b'U', 1 | 2 | 4 | 8));
-        if !known || count > 4096 {
-            return Err(wrong(0, format!("field {name}: {size} bytes of type {}", char::from(kind))));
+        if !known || !(1..=4096).contains(&count) {
+            return Err(wrong(0, format!("field {name}: {count} values of {size} bytes of type {}", char::from(kind))));
         }
         let field = Field { offset: bytes, size, kind, count, words };
         match name.as_str() {

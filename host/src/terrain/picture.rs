@@ -1,26 +1,52 @@
 //! Pictures of the risk map, as the second seed's figure 2: shade is degree.
 //!
 //! Known ground is light grey, risk goes through yellow and orange to dark red, what stands is dark blue, unknown is white; the vehicle
-//! is drawn as an outline of 4.4 x 1.8 m. One cell is a square of whole pixels, north is up.
+//! is drawn as an outline of 4.4 x 1.8 m. One cell is a square of whole pixels, north is up. Of a map that is larger than a picture one pixel is a square of
+//! whole cells, and shows the worst of them.
 
+use std::collections::BTreeSet;
+use std::io::Write;
 use std::path::Path;
 
 use anyhow::{Context, Result};
 use crossfall_core::terrain::Class;
 
 use super::lidar::SensorPose;
-use super::raster::Raster;
+use super::raster::{Block, Grid};
 use crate::output::Output;
 
-/// The part of the world to show: centre and half sides, m.
-#[derive(Clone, Copy, Debug)]
+/// Most pixels along a side of the picture of a whole map.
+const LONGEST: usize = 4000;
+
+/// The part of the world to show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct View {
-    /// Centre, m.
-    pub centre: [f64; 2],
-    /// Half width and half height, m.
-    pub half: [f64; 2],
-    /// Pixels a cell.
+    /// Column and row of the south-western cell, counted from the world's zero.
+    pub corner: [i64; 2],
+    /// Cells towards east and north.
+    pub cells: [usize; 2],
+    /// Pixels along a cell's side: 1 where a pixel is more than a cell.
     pub zoom: usize,
+    /// Cells along a pixel's side.
+    pub step: usize,
+}
+
+impl View {
+    /// A square around a place, m.
+    #[must_use]
+    pub fn around(centre: [f64; 2], half_m: f64, cell_m: f64, zoom: usize) -> Self {
+        let corner = centre.map(|centre| ((centre - half_m) / cell_m).round() as i64);
+        let cells = ((2.0 * half_m / cell_m).ceil() as usize).clamp(1, 8000 / zoom);
+        Self { corner, cells: [cells; 2], zoom, step: 1 }
+    }
+
+    /// The whole of a map, at most 4,000 pixels a side.
+    #[must_use]
+    pub fn whole(grid: &Grid) -> Self {
+        let cells = [grid.width(), grid.height()];
+        let longest = cells[0].max(cells[1]).max(1);
+        Self { corner: grid.corner(), cells, zoom: (LONGEST / longest).clamp(1, 3), step: longest.div_ceil(LONGEST) }
+    }
 }
 
 const UNKNOWN: [u8; 3] = [255, 255, 255];
@@ -51,64 +77,103 @@ pub fn shade(risk: u8) -> [u8; 3] {
     [140, 12, 20]
 }
 
-/// Draws the risk map as a PNG.
-///
-/// # Errors
-/// A file that cannot be written.
-pub fn draw(raster: &Raster, view: View, vehicle: Option<&SensorPose>, path: &Path) -> Result<()> {
-    let zoom = view.zoom.clamp(1, 16);
-    let cells = |half: f64| ((2.0 * half / raster.cell_m).ceil() as usize).clamp(1, 8000 / zoom);
-    let (columns, rows) = (cells(view.half[0]), cells(view.half[1]));
-    let (width, height) = (columns * zoom, rows * zoom);
-    let mut pixels = vec![UNKNOWN; width * height];
-    let corner = [view.centre[0] - view.half[0], view.centre[1] - view.half[1]];
-    let index = |world: f64, axis: usize| ((world - raster.corner[axis]) / raster.cell_m).floor();
-    for row in 0..rows {
-        for column in 0..columns {
-            let x = index(corner[0] + (column as f64 + 0.5) * raster.cell_m, 0);
-            let y = index(corner[1] + (row as f64 + 0.5) * raster.cell_m, 1);
-            let cell = (x >= 0.0 && y >= 0.0).then(|| raster.get(x as usize, y as usize)).flatten();
-            let colour = match cell {
-                None => UNKNOWN,
-                Some(cell) if cell.cell.class == Class::Tall => STANDING,
-                Some(cell) => shade(cell.cell.risk),
+/// A picture under way.
+pub struct Picture {
+    view: View,
+    cell_m: f64,
+    /// Squares of cells towards east and north.
+    squares: [usize; 2],
+    /// The worst of each square, row by row from the south: 0 unknown, risk + 1, `TALL`.
+    worst: Vec<u16>,
+}
+
+/// Something that stands is worse than any risk.
+const TALL: u16 = 300;
+
+impl Picture {
+    /// Nothing but unknown ground.
+    #[must_use]
+    pub fn new(view: View, cell_m: f64) -> Self {
+        let squares = view.cells.map(|cells| cells.div_ceil(view.step));
+        Self { view, cell_m, squares, worst: vec![0; squares[0] * squares[1]] }
+    }
+
+    /// Draws what a block holds of the view.
+    pub fn draw(&mut self, block: &Block) {
+        for (place, cell) in block.iter() {
+            let [Some(column), Some(row)] = [0, 1].map(|axis| {
+                let from = usize::try_from(place[axis] - self.view.corner[axis]).ok()?;
+                (from < self.view.cells[axis]).then_some(from / self.view.step)
+            }) else {
+                continue;
             };
-            for dy in 0..zoom {
-                let start = ((rows - 1 - row) * zoom + dy) * width + column * zoom;
-                pixels[start..start + zoom].fill(colour);
+            let rank = if cell.cell.class == Class::Tall { TALL } else { u16::from(cell.cell.risk) + 1 };
+            if let Some(held) = self.worst.get_mut(row * self.squares[0] + column) {
+                *held = rank.max(*held);
             }
         }
     }
-    if let Some(pose) = vehicle {
-        let scale = zoom as f64 / raster.cell_m;
-        let mut dot = |along: f64, left: f64| {
-            let x = pose.position[0] + pose.rotation[0][0] * along + pose.rotation[0][1] * left;
-            let y = pose.position[1] + pose.rotation[1][0] * along + pose.rotation[1][1] * left;
-            let (px, py) = ((x - corner[0]) * scale, height as f64 - (y - corner[1]) * scale);
-            if px >= 0.0 && py >= 0.0 && (px as usize) < width && (py as usize) < height {
-                pixels[py as usize * width + px as usize] = VEHICLE;
+
+    /// Writes the picture as PNG, with the vehicle's outline.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn write(&self, vehicle: &SensorPose, path: &Path) -> Result<()> {
+        let View { zoom, .. } = self.view;
+        let [width, height] = self.squares.map(|squares| squares * zoom);
+        let outline = self.outline(vehicle);
+        let mut out = Output::create(path)?;
+        {
+            let writing = || format!("writing {}", path.display());
+            let mut encoder = png::Encoder::new(&mut out, width as u32, height as u32);
+            encoder.set_color(png::ColorType::Rgb);
+            encoder.set_depth(png::BitDepth::Eight);
+            let mut writer = encoder.write_header().with_context(writing)?;
+            let mut stream = writer.stream_writer().with_context(writing)?;
+            let mut row = vec![UNKNOWN; width];
+            for y in 0..height {
+                let from = (self.squares[1] - 1 - y / zoom) * self.squares[0];
+                for (pixels, worst) in row.chunks_mut(zoom).zip(self.worst.iter().skip(from)) {
+                    pixels.fill(match *worst {
+                        0 => UNKNOWN,
+                        TALL => STANDING,
+                        risk => shade((risk - 1).min(255) as u8),
+                    });
+                }
+                for (_, x) in outline.range((y, 0)..(y + 1, 0)) {
+                    if let Some(pixel) = row.get_mut(*x) {
+                        *pixel = VEHICLE;
+                    }
+                }
+                stream.write_all(row.as_flattened()).with_context(writing)?;
             }
+            stream.finish().with_context(writing)?;
+            writer.finish().with_context(writing)?;
+        }
+        out.commit()?;
+        Ok(())
+    }
+
+    /// Row and column of the pixels of a vehicle's outline.
+    fn outline(&self, pose: &SensorPose) -> BTreeSet<(usize, usize)> {
+        let View { corner, zoom, step, .. } = self.view;
+        let scale = zoom as f64 / (step as f64 * self.cell_m);
+        let height = (self.squares[1] * zoom) as f64;
+        let place = |along: f64, left: f64| {
+            let of = |axis: usize| {
+                let world = pose.position[axis] + pose.rotation[axis][0] * along + pose.rotation[axis][1] * left;
+                (world - corner[axis] as f64 * self.cell_m) * scale
+            };
+            let (x, y) = (of(0), height - of(1));
+            (x >= 0.0 && y >= 0.0).then_some((y as usize, x as usize))
         };
-        for step in 0..=440 {
-            let part = f64::from(step) / 440.0;
-            for side in [-0.9, 0.9] {
-                dot(-2.2 + 4.4 * part, side);
-            }
-            for end in [-2.2, 2.2] {
-                dot(end, -0.9 + 1.8 * part);
-            }
-        }
+        (0..=440)
+            .flat_map(|step| {
+                let part = f64::from(step) / 440.0;
+                let sides = [-0.9, 0.9].map(|side| place(-2.2 + 4.4 * part, side));
+                sides.into_iter().chain([-2.2, 2.2].map(|end| place(end, -0.9 + 1.8 * part)))
+            })
+            .flatten()
+            .collect()
     }
-    let mut out = Output::create(path)?;
-    {
-        let writing = || format!("writing {}", path.display());
-        let mut encoder = png::Encoder::new(&mut out, width as u32, height as u32);
-        encoder.set_color(png::ColorType::Rgb);
-        encoder.set_depth(png::BitDepth::Eight);
-        let mut writer = encoder.write_header().with_context(writing)?;
-        writer.write_image_data(pixels.as_flattened()).with_context(writing)?;
-        writer.finish().with_context(writing)?;
-    }
-    out.commit()?;
-    Ok(())
 }

@@ -1,25 +1,28 @@
-//! The map as rasters: one rectangle of cells around all that is known, north up, for GeoTIFF, tables and pictures.
+//! The map as one grid of cells, north up, handed out block by block: a drive of an hour spans 57 x 57 km of them and more, of which it knows the width
+//! of a road.
+//!
+//! Blocks are squares of [`SIDE`] cells, counted from the grid's north-west corner as the tiles of a GeoTIFF are. Only those that hold a tile
+//! of the map are visited, one at a time: what is written takes the memory of one block, however long the drive.
 
-use std::collections::BTreeMap;
-use std::io::Write;
-use std::path::Path;
+use std::collections::BTreeSet;
+use std::io;
 
-use anyhow::{Context, Result};
-use crossfall_core::terrain::{Cell, Class, TILE_SIDE, Tile, TileKey};
-use tiff::encoder::{Compression, TiffEncoder, colortype};
-use tiff::tags::Tag;
+use crossfall_core::terrain::{Cell, Class, TILE_SIDE, TileKey};
 
+use super::behind::around;
 use super::mapper::Mapper;
-use super::picture::View;
-use crate::output::Output;
 
-/// What stands for "unknown" in the rasters of floats.
-pub const NO_DATA: f32 = -9999.0;
+/// Cells along a block's side.
+pub const SIDE: usize = 512;
+/// Tiles along a block's side.
+const TILES: usize = SIDE / TILE_SIDE;
+/// Most blocks of a grid, known or not: the list of them is what a GeoTIFF of mostly unknown ground consists of. A square of 297 km of 0.1 m cells.
+const MOST: u64 = 1 << 25;
 
 /// One cell with what the map says of it.
 #[derive(Clone, Copy, Debug)]
 pub struct RasterCell {
-    /// Elevation in the world, m: measured, or (with `filled`) between the neighbours that reach the cell.
+    /// Elevation in the world, m: measured, or between the neighbours that reach the cell.
     pub elevation_m: f64,
     /// Its standard deviation, m.
     pub sigma_m: f64,
@@ -29,214 +32,191 @@ pub struct RasterCell {
     pub cell: Cell,
 }
 
-/// A rectangle of cells.
-pub struct Raster {
+/// The rectangle around all that is known.
+pub struct Grid {
     /// Side of a cell, m.
     pub cell_m: f64,
-    /// World position of the lowest corner, m.
-    pub corner: [f64; 2],
-    /// Cells towards x.
-    pub width: usize,
-    /// Cells towards y.
-    pub height: usize,
-    /// Easting and northing of the world's zero, and the EPSG code of the coordinates: what the files say, where it is known.
-    pub georeference: Option<([f64; 2], u16)>,
-    cells: Vec<Option<RasterCell>>,
+    /// Its lowest and its highest tile.
+    low: TileKey,
+    high: TileKey,
+    /// Blocks that hold a tile, by row from the north and column from the west.
+    blocks: BTreeSet<[u32; 2]>,
+    /// What the window has left behind does not belong to it.
+    window_only: bool,
 }
 
-impl Raster {
+/// A map has become too large for one grid.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error("the map spans {:.0} x {:.0} km, more than a map of such small cells can: larger cells (--cell) span more", span_m[0] * 1e-3, span_m[1] * 1e-3)]
+pub struct TooLarge {
+    /// Its extent towards east and north, m.
+    pub span_m: [f64; 2],
+}
+
+impl Grid {
+    /// Whether what a map has left behind is small enough for a grid: to be asked while it grows, so that no work is lost.
+    ///
+    /// # Errors
+    /// A map of which no frame more should be taken in.
+    pub fn check(mapper: &Mapper<'_>) -> Result<(), TooLarge> {
+        let cell_m = mapper.map().cell_um() as f64 * 1e-6;
+        mapper.bounds_behind().map_or(Ok(()), |bounds| check(bounds, cell_m))
+    }
+
     /// All that a map knows; none if it knows nothing.
     #[must_use]
     pub fn of(mapper: &Mapper<'_>) -> Option<Self> {
-        Self::of_tiles(mapper, &mapper.tiles())
+        Self::of_tiles(mapper, || mapper.keys(), false)
     }
 
     /// What the map's window knows.
     #[must_use]
     pub fn of_window(mapper: &Mapper<'_>) -> Option<Self> {
-        Self::of_tiles(mapper, &mapper.map().tiles().map(|tile| (tile.key(), tile)).collect())
+        Self::of_tiles(mapper, || mapper.map().tiles().map(|tile| tile.key()), true)
     }
 
-    fn of_tiles(mapper: &Mapper<'_>, tiles: &BTreeMap<TileKey, &Tile>) -> Option<Self> {
-        let (mut low, mut high) = ([i32::MAX; 2], [i32::MIN; 2]);
-        for key in tiles.keys() {
-            low = [low[0].min(key.x), low[1].min(key.y)];
-            high = [high[0].max(key.x), high[1].max(key.y)];
-        }
-        if tiles.is_empty() {
-            return None;
-        }
-        let side = TILE_SIDE;
-        let span = |axis: usize| (high[axis] - low[axis] + 1) as usize * side;
+    fn of_tiles<K: Iterator<Item = TileKey>>(
+        mapper: &Mapper<'_>,
+        keys: impl Fn() -> K,
+        window_only: bool,
+    ) -> Option<Self> {
         let cell_m = mapper.map().cell_um() as f64 * 1e-6;
-        let corner = [f64::from(low[0]), f64::from(low[1])].map(|tile| tile * side as f64 * cell_m);
-        let mut raster = Self {
-            cell_m,
-            corner,
-            width: span(0),
-            height: span(1),
-            georeference: None,
-            cells: vec![None; span(0) * span(1)],
-        };
-        for (key, tile) in tiles {
-            for row in 0..side {
-                for column in 0..side {
-                    let cell = tile.cell(column, row);
-                    let x = (key.x - low[0]) as usize * side + column;
-                    let y = (key.y - low[1]) as usize * side + row;
-                    raster.cells[y * raster.width + x] = read(mapper, &cell);
+        let [low, high] = keys().fold(None, |bounds, key| Some(around(bounds, key)))?;
+        let blocks = keys().map(|key| block_of(key, low, high)).collect();
+        Some(Self { cell_m, low, high, blocks, window_only })
+    }
+
+    /// Cells towards east.
+    #[must_use]
+    pub fn width(&self) -> usize {
+        self.high.x.abs_diff(self.low.x) as usize * TILE_SIDE + TILE_SIDE
+    }
+
+    /// Cells towards north.
+    #[must_use]
+    pub fn height(&self) -> usize {
+        self.high.y.abs_diff(self.low.y) as usize * TILE_SIDE + TILE_SIDE
+    }
+
+    /// Column and row of the south-western cell, counted from the world's zero.
+    #[must_use]
+    pub fn corner(&self) -> [i64; 2] {
+        [self.low.x, self.low.y].map(|key| i64::from(key) * TILE_SIDE as i64)
+    }
+
+    /// World position of the north-western corner, m.
+    #[must_use]
+    pub fn north_west(&self) -> [f64; 2] {
+        let [column, row] = self.corner();
+        [column as f64 * self.cell_m, (row + self.height() as i64) as f64 * self.cell_m]
+    }
+
+    /// Number of blocks that hold something.
+    #[must_use]
+    pub fn known_blocks(&self) -> usize {
+        self.blocks.len()
+    }
+
+    /// The blocks that hold something, from north to south and from west to east.
+    pub fn blocks<'g>(&'g self, mapper: &'g Mapper<'_>) -> impl Iterator<Item = io::Result<Block>> + 'g {
+        self.blocks.iter().map(|at| self.read(mapper, *at))
+    }
+
+    /// Reads a block with a border of a tile, so that cells at its rim find their neighbours, and leaves the border out again.
+    fn read(&self, mapper: &Mapper<'_>, [down, right]: [u32; 2]) -> io::Result<Block> {
+        const WIDE: usize = SIDE + 2 * TILE_SIDE;
+        let west = self.low.x.wrapping_add_unsigned(right * TILES as u32);
+        let north = self.high.y.wrapping_sub_unsigned(down * TILES as u32);
+        let south = north.wrapping_sub(TILES as i32 - 1);
+        let mut wide: Vec<Option<RasterCell>> = vec![None; WIDE * WIDE];
+        for up in 0..TILES + 2 {
+            for along in 0..TILES + 2 {
+                let key = TileKey { x: west.wrapping_add(along as i32 - 1), y: south.wrapping_add(up as i32 - 1) };
+                if self.window_only && mapper.map().tile(key).is_none() {
+                    continue;
                 }
-            }
-        }
-        raster.fill();
-        Some(raster)
-    }
-
-    /// A cell by column (towards x) and row (towards y).
-    #[must_use]
-    pub fn get(&self, column: usize, row: usize) -> Option<&RasterCell> {
-        if column >= self.width {
-            return None;
-        }
-        self.cells.get(row * self.width + column)?.as_ref()
-    }
-
-    /// World position of a cell's centre, m.
-    #[must_use]
-    pub fn centre(&self, column: usize, row: usize) -> [f64; 2] {
-        let along = |index: usize, corner: f64| corner + (index as f64 + 0.5) * self.cell_m;
-        [along(column, self.corner[0]), along(row, self.corner[1])]
-    }
-
-    /// Where the world's zero lies in the files' coordinates.
-    fn zero(&self) -> [f64; 2] {
-        self.georeference.map_or([0.0; 2], |(zero, _)| zero)
-    }
-
-    /// The whole raster as a picture of at most 4,000 pixels a side.
-    #[must_use]
-    pub fn view(&self) -> View {
-        let half = [self.width, self.height].map(|cells| 0.5 * cells as f64 * self.cell_m);
-        let zoom = (4000 / self.width.max(self.height).max(1)).clamp(1, 3);
-        View { centre: [self.corner[0] + half[0], self.corner[1] + half[1]], half, zoom }
-    }
-
-    /// Gives risky cells between measured ones an elevation: the middle of their measured neighbours within three cells, and half of
-    /// their spread as its sigma. Other cells without a measurement are dropped.
-    fn fill(&mut self) {
-        let measured = |cells: &[Option<RasterCell>], index: usize| {
-            cells.get(index).copied().flatten().filter(|cell| cell.measured).map(|cell| cell.elevation_m)
-        };
-        let mut changes = Vec::new();
-        for row in 0..self.height {
-            for column in 0..self.width {
-                let index = row * self.width + column;
-                let Some(cell) = self.cells[index].filter(|cell| !cell.measured) else { continue };
-                let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-                for y in row.saturating_sub(3)..(row + 4).min(self.height) {
-                    for x in column.saturating_sub(3)..(column + 4).min(self.width) {
-                        if let Some(level) = measured(&self.cells, y * self.width + x) {
-                            (low, high) = (low.min(level), high.max(level));
-                        }
+                mapper.cells(key, |column, row, cell| {
+                    let at = (up * TILE_SIDE + row) * WIDE + along * TILE_SIDE + column;
+                    if let Some(place) = wide.get_mut(at) {
+                        *place = read(mapper, &cell);
                     }
-                }
-                let filled = (low <= high).then(|| RasterCell {
-                    elevation_m: 0.5 * (low + high),
-                    sigma_m: (0.5 * (high - low)).max(0.01),
-                    ..cell
-                });
-                changes.push((index, filled));
+                })?;
             }
         }
-        for (index, cell) in changes {
-            self.cells[index] = cell;
+        fill(&mut wide, WIDE);
+        let inner = wide.chunks(WIDE).skip(TILE_SIDE).take(SIDE);
+        let cells = inner.flat_map(|row| row.iter().skip(TILE_SIDE).take(SIDE).copied()).collect();
+        let corner = [west, south].map(|key| i64::from(key) * TILE_SIDE as i64);
+        Ok(Block { at: [right, down], corner, cells })
+    }
+}
+
+fn check([low, high]: [TileKey; 2], cell_m: f64) -> Result<(), TooLarge> {
+    let tiles = [high.x.abs_diff(low.x), high.y.abs_diff(low.y)].map(|tiles| u64::from(tiles) + 1);
+    let blocks = tiles.map(|tiles| tiles.div_ceil(TILES as u64));
+    if blocks[0] * blocks[1] > MOST {
+        return Err(TooLarge { span_m: tiles.map(|tiles| (tiles * TILE_SIDE as u64) as f64 * cell_m) });
+    }
+    Ok(())
+}
+
+/// Row from the north and column from the west of the block that holds a tile.
+fn block_of(key: TileKey, low: TileKey, high: TileKey) -> [u32; 2] {
+    [high.y.abs_diff(key.y), key.x.abs_diff(low.x)].map(|tiles| tiles / TILES as u32)
+}
+
+/// A square of cells.
+pub struct Block {
+    /// Column from the west and row from the north of the block.
+    pub at: [u32; 2],
+    /// Column and row of its south-western cell, counted from the world's zero.
+    pub corner: [i64; 2],
+    cells: Vec<Option<RasterCell>>,
+}
+
+impl Block {
+    /// Its known cells with column and row counted from the world's zero, row by row from the south.
+    pub fn iter(&self) -> impl Iterator<Item = ([i64; 2], &RasterCell)> {
+        self.cells.iter().enumerate().filter_map(|(index, cell)| {
+            let (column, row) = (index % SIDE, index / SIDE);
+            Some(([self.corner[0] + column as i64, self.corner[1] + row as i64], cell.as_ref()?))
+        })
+    }
+
+    /// All its cells row by row from the north.
+    pub fn north_up(&self) -> impl Iterator<Item = Option<&RasterCell>> {
+        self.cells.chunks(SIDE).rev().flatten().map(Option::as_ref)
+    }
+}
+
+/// Gives risky cells between measured ones an elevation: the middle of their measured neighbours within three cells, and half of
+/// their spread as its sigma. Other cells without a measurement are dropped.
+fn fill(cells: &mut [Option<RasterCell>], width: usize) {
+    let measured = |cells: &[Option<RasterCell>], index: usize| {
+        cells.get(index).copied().flatten().filter(|cell| cell.measured).map(|cell| cell.elevation_m)
+    };
+    let height = cells.len() / width;
+    let mut changes = Vec::new();
+    for index in 0..cells.len() {
+        let Some(cell) = cells[index].filter(|cell| !cell.measured) else { continue };
+        let (column, row) = (index % width, index / width);
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for y in row.saturating_sub(3)..(row + 4).min(height) {
+            for x in column.saturating_sub(3)..(column + 4).min(width) {
+                if let Some(level) = measured(cells, y * width + x) {
+                    (low, high) = (low.min(level), high.max(level));
+                }
+            }
         }
+        let filled = (low <= high).then(|| RasterCell {
+            elevation_m: 0.5 * (low + high),
+            sigma_m: (0.5 * (high - low)).max(0.01),
+            ..cell
+        });
+        changes.push((index, filled));
     }
-
-    /// All known cells with column and row, row by row.
-    pub fn iter(&self) -> impl Iterator<Item = (usize, usize, &RasterCell)> {
-        let width = self.width.max(1);
-        self.cells
-            .iter()
-            .enumerate()
-            .filter_map(move |(index, cell)| Some((index % width, index / width, cell.as_ref()?)))
-    }
-
-    /// Writes `x_m,y_m,elevation_m,sigma_m,risk,class`, one row a known cell.
-    ///
-    /// # Errors
-    /// A file that cannot be written.
-    pub fn write_csv(&self, path: &Path) -> Result<()> {
-        let mut out = Output::create(path)?;
-        let writing = || format!("writing {}", path.display());
-        writeln!(out, "x_m,y_m,elevation_m,sigma_m,risk,class").with_context(writing)?;
-        // Centres of cells of 0.1 m need two decimals, of other sizes at most four.
-        let digits = if (self.cell_m * 20.0).fract().abs() < 1e-9 { 2 } else { 4 };
-        let zero = self.zero();
-        for (column, row, cell) in self.iter() {
-            let [x, y] = self.centre(column, row);
-            let (x, y) = (x + zero[0], y + zero[1]);
-            let risk = f64::from(cell.cell.risk) / 255.0;
-            let class = cell.cell.class.name();
-            writeln!(out, "{x:.digits$},{y:.digits$},{:.4},{:.4},{risk:.3},{class}", cell.elevation_m, cell.sigma_m)
-                .with_context(writing)?;
-        }
-        out.commit()?;
-        Ok(())
-    }
-
-    /// Writes a raster of floats as GeoTIFF, north up, deflated, unknown cells as [`NO_DATA`].
-    ///
-    /// # Errors
-    /// A file that cannot be written.
-    pub fn write_floats(&self, path: &Path, value: impl Fn(&RasterCell) -> f32) -> Result<()> {
-        let data = self.north_up(NO_DATA, value);
-        self.write_tiff::<colortype::Gray32Float>(path, &data, "-9999")
-    }
-
-    /// Writes a raster of small numbers as GeoTIFF; unknown cells are 255.
-    ///
-    /// # Errors
-    /// A file that cannot be written.
-    pub fn write_bytes(&self, path: &Path, value: impl Fn(&RasterCell) -> u8) -> Result<()> {
-        let data = self.north_up(255, value);
-        self.write_tiff::<colortype::Gray8>(path, &data, "255")
-    }
-
-    fn north_up<T: Copy>(&self, unknown: T, value: impl Fn(&RasterCell) -> T) -> Vec<T> {
-        let mut data = vec![unknown; self.width * self.height];
-        for (column, row, cell) in self.iter() {
-            data[(self.height - 1 - row) * self.width + column] = value(cell);
-        }
-        data
-    }
-
-    fn write_tiff<C: colortype::ColorType>(&self, path: &Path, data: &[C::Inner], no_data: &str) -> Result<()>
-    where
-        [C::Inner]: tiff::encoder::TiffValue,
-    {
-        let writing = || format!("writing {}", path.display());
-        let mut out = Output::create(path)?;
-        {
-            let mut encoder = TiffEncoder::new(&mut out)
-                .with_context(writing)?
-                .with_compression(Compression::Deflate(Default::default()));
-            let mut image = encoder.new_image::<C>(self.width as u32, self.height as u32).with_context(writing)?;
-            let zero = self.zero();
-            let (left, top) = (zero[0] + self.corner[0], zero[1] + self.corner[1] + self.height as f64 * self.cell_m);
-            // GeoTIFF 1.1: scale, one tie point (raster 0,0 to the upper left corner), and the key directory: a projected
-            // model, pixels are areas, the system's EPSG code or a user-defined one (32767), metres.
-            let tags = image.encoder();
-            tags.write_tag(Tag::ModelPixelScaleTag, &[self.cell_m, self.cell_m, 0.0][..]).with_context(writing)?;
-            tags.write_tag(Tag::ModelTiepointTag, &[0.0, 0.0, 0.0, left, top, 0.0][..]).with_context(writing)?;
-            let system = self.georeference.map_or(32_767, |(_, epsg)| epsg);
-            let keys: [u16; 20] = [1, 1, 1, 4, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, system, 3076, 0, 1, 9001];
-            tags.write_tag(Tag::GeoKeyDirectoryTag, &keys[..]).with_context(writing)?;
-            tags.write_tag(Tag::GdalNodata, no_data).with_context(writing)?;
-            image.write_data(data).with_context(writing)?;
-        }
-        out.commit()?;
-        Ok(())
+    for (index, cell) in changes {
+        cells[index] = cell;
     }
 }
 
@@ -252,5 +232,22 @@ fn read(mapper: &Mapper<'_>, cell: &Cell) -> Option<RasterCell> {
             Some(RasterCell { elevation_m: f64::NAN, sigma_m: f64::NAN, measured: false, cell: *cell })
         }
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_block_is_found_from_the_north_west_and_a_map_beyond_all_measure_is_refused() {
+        let key = |x, y| TileKey { x, y };
+        let [low, high] = around(Some(around(None, key(5, -3))), key(-2, 90));
+        assert_eq!([low, high], [key(-2, -3), key(5, 90)]);
+        assert_eq!(block_of(key(-2, 90), low, high), [0, 0]);
+        assert_eq!(block_of(key(30, 58), low, high), [1, 1]);
+        assert!(check([key(0, 0), key(180_000, 180_000)], 0.1).is_ok());
+        let refused = check([key(i32::MIN, 0), key(i32::MAX, 40_000)], 0.1).unwrap_err().to_string();
+        assert!(refused.contains("6871948 x 64 km") && refused.contains("--cell"), "{refused}");
     }
 }

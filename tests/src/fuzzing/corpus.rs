@@ -9,8 +9,8 @@ use crossfall_core::protocol::Config;
 use crossfall_core::protocol::frame::{Event, HostDecoder, MAX_COMMAND_FRAME};
 use crossfall_core::protocol::message::{Command, Message};
 
-use super::TARGETS;
 use super::mutate::Draw;
+use super::{TARGETS, frames};
 
 /// Seconds of the drive.
 const SECONDS: f64 = 1.5;
@@ -62,6 +62,7 @@ pub fn make(scratch: &Path) -> Corpus {
             "config_toml" => vec![config::to_toml(&Config::default()).into_bytes()],
             // Steps drawn by their bytes: any bytes are steps.
             "instrument" => (0..12).map(|seed| noise(seed, 400 + 200 * seed as usize)).collect(),
+            "frames" => frames::corpus(scratch),
             _ => Vec::new(),
         }
     };

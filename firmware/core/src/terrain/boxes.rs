@@ -16,10 +16,10 @@ pub struct MovingBox {
     pub heading: [f32; 2],
 }
 
-/// Longest half diagonal that is drawn, cells: 25 m at 0.1 m.
-const LONGEST: f32 = 250.0;
+/// Half length and half width together up to which a box is drawn, m: no vehicle is half as large. It bounds the work of a box.
+const LARGEST_M: f32 = 25.0;
 
-/// Draws the boxes into the marks, cell by cell.
+/// Draws the boxes into the marks, cell by cell; how many were not drawn, because they have no sensible size.
 pub(crate) fn mark_boxes(
     boxes: &[MovingBox],
     projection: &Projection,
@@ -27,7 +27,8 @@ pub(crate) fn mark_boxes(
     pose: &Pose,
     window: &Window<'_>,
     marks: &mut Board<'_>,
-) {
+) -> u32 {
+    let mut refused = 0;
     let cells = i32::from(window.side) * 16;
     let per_cell = 1.0 / cell_um.max(1) as f32;
     for body in boxes {
@@ -36,13 +37,16 @@ pub(crate) fn mark_boxes(
             let away = body.centre_um.get(axis).zip(pose.position_um.get(axis)).map_or(0, |(a, b)| a.wrapping_sub(*b));
             *value = away as f32 * per_cell + projection.origin.get(axis).copied().unwrap_or(0.0);
         }
-        let half = body.half_m.map(|half| half * 1e6 * per_cell);
         // The diagonal is at most the sum of the sides.
-        let reach = half[0] + half[1];
-        if !(reach > 0.0 && reach <= LONGEST && centre[0].is_finite() && centre[1].is_finite()) {
+        let reach_m = body.half_m[0] + body.half_m[1];
+        if !(reach_m > 0.0 && reach_m <= LARGEST_M && centre[0].is_finite() && centre[1].is_finite()) {
+            refused += 1;
             continue;
         }
-        let span = |middle: f32| ((middle - reach) as i32).max(0)..((middle + reach) as i32 + 1).clamp(0, cells);
+        let half = body.half_m.map(|half| half * 1e6 * per_cell);
+        let reach = half[0] + half[1];
+        let span =
+            |middle: f32| ((middle - reach) as i32).max(0)..((middle + reach) as i32).saturating_add(1).clamp(0, cells);
         for iy in span(centre[1]) {
             for ix in span(centre[0]) {
                 let (u, v) = (ix as f32 + 0.5 - centre[0], iy as f32 + 0.5 - centre[1]);
@@ -56,4 +60,5 @@ pub(crate) fn mark_boxes(
             }
         }
     }
+    refused
 }

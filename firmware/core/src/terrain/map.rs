@@ -16,7 +16,7 @@ use super::relief::{Patch, Relief};
 use super::risk::RiskTable;
 use super::sight::{RangeImage, RangePixels};
 use super::slope::{measure, pool};
-use super::standing::{look_through, raise};
+use super::standing::{forget_ages, look_through, raise};
 use super::tile::{Margins, TALL_CERTAIN, TILE_CELLS, TILE_SIDE, Tile, TileKey, UNITS_PER_M, Update, margin_table};
 use super::window::{Neighbours, Window};
 
@@ -31,10 +31,11 @@ pub struct Storage<'a> {
     pub marks: &'a mut [Marks],
     /// One for each point of the largest frame.
     pub samples: &'a mut [Sample],
-    /// At least 256; 6,000 are enough for any frame.
+    /// At least 256; 6,000 are enough for any frame. A push broom's map uses none of them.
     pub pairs: &'a mut [Pair],
-    /// The range image.
-    pub pixels: &'a mut RangePixels,
+    /// The range image, through which what stood and has gone is seen to be gone. A push broom's map does without: nothing is looked through
+    /// there.
+    pub pixels: Option<&'a mut RangePixels>,
 }
 
 /// Why a map could not be set up.
@@ -48,6 +49,8 @@ pub enum SetUpError {
     TileStorage,
     /// Fewer than 256 pairs, or no samples.
     Scratch,
+    /// No range image, though what stood is to be looked through.
+    RangeImage,
 }
 
 /// Why a frame was not taken into the map.
@@ -78,6 +81,8 @@ pub struct FrameReport {
     pub refreshed: u32,
     /// Cells that lost what had stood there.
     pub cleared: u32,
+    /// Boxes of moving objects that were not used: longer than any vehicle, or without a sensible size.
+    pub boxes_refused: u32,
 }
 
 /// The elevation and risk map around a moving sensor.
@@ -122,6 +127,9 @@ impl<'a> TerrainMap<'a> {
         }
         if storage.samples.is_empty() || storage.pairs.len() < 256 {
             return Err(SetUpError::Scratch);
+        }
+        if storage.pixels.is_none() && !config.push_broom {
+            return Err(SetUpError::RangeImage);
         }
         Ok(Self {
             config,
@@ -228,7 +236,7 @@ impl<'a> TerrainMap<'a> {
         let see = !self.config.push_broom && self.any_tall;
         self.marks.clear(tall);
         self.image.clear(see);
-        mark_boxes(boxes, &projection, self.cell_um, pose, &self.window, &mut self.marks);
+        report.boxes_refused = mark_boxes(boxes, &projection, self.cell_um, pose, &self.window, &mut self.marks);
         let [settled, others] = project(
             points,
             &projection,
@@ -246,6 +254,9 @@ impl<'a> TerrainMap<'a> {
         self.settle(others, tall, &mut report.points);
         self.fuse([settled, others], (projection.sensor_height(), tall), &mut report.points);
         let stamp = self.stamp();
+        if !self.config.push_broom {
+            forget_ages(&mut self.window, self.frame);
+        }
         // In a line's only look at a place its first hit is all there will be.
         if report.points.standing > 0 {
             raise(&mut self.window, &self.marks, if self.config.push_broom { TALL_CERTAIN } else { 1 }, stamp);

@@ -96,21 +96,24 @@ const LONGEST_CM: u16 = 500;
 const FACE_CM: u16 = 15;
 
 pub(crate) struct RangeImage<'a> {
-    pixels: &'a mut RangePixels,
+    /// None where nothing is looked through.
+    pixels: Option<&'a mut RangePixels>,
     /// Nearest range at which something stands by azimuth, cm.
     standing: [u16; COLUMNS],
 }
 
 impl<'a> RangeImage<'a> {
-    pub(crate) fn new(pixels: &'a mut RangePixels) -> Self {
-        pixels.fill(0);
+    pub(crate) fn new(mut pixels: Option<&'a mut RangePixels>) -> Self {
+        if let Some(pixels) = &mut pixels {
+            pixels.fill(0);
+        }
         Self { pixels, standing: [OPEN; COLUMNS] }
     }
 
     /// Ready for a frame; for its pixels only if they will be looked at.
     pub(crate) fn clear(&mut self, see: bool) {
-        if see {
-            self.pixels.fill(0);
+        if see && let Some(pixels) = &mut self.pixels {
+            pixels.fill(0);
         }
         self.standing = [OPEN; COLUMNS];
     }
@@ -147,8 +150,9 @@ impl<'a> RangeImage<'a> {
 
     /// Enters horizontal ranges, in centimetres.
     pub(crate) fn see(&mut self, pixels: &[i32], ranges_cm: &[i32]) {
+        let Some(image) = &mut self.pixels else { return };
         for (pixel, range_cm) in pixels.iter().zip(ranges_cm) {
-            if let Some(held) = self.pixels.get_mut(*pixel as u32 as usize) {
+            if let Some(held) = image.get_mut(*pixel as u32 as usize) {
                 *held = (*held).max(*range_cm as u16);
             }
         }
@@ -163,10 +167,11 @@ impl<'a> RangeImage<'a> {
         // Behind by half a metre and 2 % of the range: further than the cell, its neighbour and the noise.
         let behind = ((range * 1.02 + 0.5) * 100.0) as u16;
         let (mut beyond, mut blocked) = (0, 0);
+        let Some(pixels) = &self.pixels else { return (beyond, blocked) };
         for step in [COLUMNS - 1, 0, 1] {
             let column = (column + step) & (COLUMNS - 1);
             for row in first..=last {
-                match self.pixels.get(column * ROWS + row) {
+                match pixels.get(column * ROWS + row) {
                     None | Some(0) => {}
                     Some(seen) if *seen >= behind => beyond += 1,
                     Some(_) => blocked += 1,
@@ -195,7 +200,7 @@ mod tests {
     #[test]
     fn a_point_is_beneath_what_stands_before_it_unless_its_ray_passed_above() {
         let mut pixels = std::boxed::Box::new([0; COLUMNS * ROWS]);
-        let mut image = RangeImage::new(&mut pixels);
+        let mut image = RangeImage::new(Some(&mut pixels));
         image.stand((1023, 4000));
         image.widen();
         // From 1.9 m up. At 41 m the ray was 5 cm above the ground where the thing stands; at 45 m 21 cm; at 60 m, and behind a car's length, far more.
@@ -210,7 +215,7 @@ mod tests {
     #[test]
     fn a_volume_is_seen_through_when_its_rays_end_behind_it() {
         let mut pixels = std::boxed::Box::new([0; COLUMNS * ROWS]);
-        let mut image = RangeImage::new(&mut pixels);
+        let mut image = RangeImage::new(Some(&mut pixels));
         for step in -20..20 {
             for up in 0..20 {
                 let scale = 40.0;

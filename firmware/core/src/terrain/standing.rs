@@ -17,6 +17,10 @@ const MOST: u8 = 3;
 const THROUGH: u32 = 2;
 /// Frames that count as recent.
 const RECENT: u8 = 20;
+/// The age in frames at which a cell's stamp stands still. A stamp is a byte: one left alone would be recent again after 256 frames.
+const OLD: u8 = 100;
+/// Every how many frames a tile's stamps are looked through for it. An age stays below `OLD` and this together, 228, which fits a byte.
+const SWEEP: u32 = 128;
 /// Height above the tile's ground from which recent content is taken for the body's edge: 4 cm.
 const EDGE: i32 = 160;
 
@@ -32,6 +36,17 @@ pub(crate) fn raise(window: &mut Window<'_>, marks: &Board<'_>, by: u8, stamp: u
                 *tall = tall.saturating_add(by).min(MOST);
                 tile.held[index & 255].stamp = stamp;
             }
+        }
+    }
+}
+
+/// Keeps old stamps old, in every so manyth slot: a sweep that passes a few tiles a frame.
+pub(crate) fn forget_ages(window: &mut Window<'_>, frame: u32) {
+    let stamp = (frame & 255) as u8;
+    let first = (frame % SWEEP) as usize;
+    for tile in window.tiles.iter_mut().skip(first).step_by(SWEEP as usize).filter(|tile| tile.in_use) {
+        for held in &mut tile.held {
+            held.stamp = stamp.wrapping_sub(stamp.wrapping_sub(held.stamp).min(OLD));
         }
     }
 }
@@ -129,5 +144,37 @@ fn empty_if_edge(tile: &mut Tile, cell: u8, stamp: u8) {
     let above = i32::from(tile.height[index]) - i32::from(tile.ground);
     if recent && tile.margin[index] != 0 && above > EDGE {
         tile.clear(cell);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tile::{Update, margin_table};
+    use super::*;
+    extern crate std;
+
+    #[test]
+    fn beside_a_struck_mark_cells_are_emptied_if_they_were_written_in_the_last_two_seconds_and_never_later() {
+        let key = TileKey { x: 0, y: 0 };
+        let margins = margin_table();
+        for written in [1u32, 90, 200, 255] {
+            let mut tiles = std::vec![Tile::EMPTY; 1];
+            let mut window = Window::new(&mut tiles, 1);
+            window.place(key, |_| {});
+            // The first cell sets the tile's level, the other lies 10 cm above it: on the body's edge, or on a step of the ground.
+            let by = Update { margins: &margins, stamp: written as u8 };
+            for (cell, z) in [(0, 0), (100, 400)] {
+                window.tile_mut(key).unwrap().fuse(cell, z, 100, &by);
+            }
+            for frame in written..written + 1200 {
+                forget_ages(&mut window, frame);
+                let tile = window.tile_mut(key).unwrap();
+                let held = tile.clone();
+                empty_if_edge(tile, 100, (frame & 255) as u8);
+                let emptied = tile.margin[100] == 0;
+                assert_eq!(emptied, frame - written <= u32::from(RECENT), "written in {written}, struck in {frame}");
+                *tile = held;
+            }
+        }
     }
 }

@@ -90,7 +90,7 @@ pub(crate) struct Held {
     pub(crate) weight: u16,
     /// Running mean of |point - cell|, mm.
     pub(crate) scatter: u8,
-    /// Low byte of the number of the frame that last touched the cell.
+    /// Low byte of the number of the frame that last touched the cell, or of one later that is long ago as well (`standing::forget_ages`).
     pub(crate) stamp: u8,
 }
 
