@@ -3,13 +3,13 @@
 //! UTM (WGS 84), ellipsoid heights, GPS time; classes road (11), adjacent slope (64), opposing slope (65), vegetation (3), other (1). The log that a point
 //! is from is its source: 1 is the first.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::Context;
 use crossfall::cloud::{self, Class, Format};
 
 use super::progress::Progress;
-use super::{Outcome, distinct, say_json, tell};
+use super::{Outcome, distinct, paths, say_json, tell};
 
 /// Write the returns as a point cloud on the map (LAS, LAZ, PLY)
 #[derive(clap::Args)]
@@ -34,9 +34,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let format = Format::of(&args.output);
     let format = format
         .with_context(|| format!("{}: expected a name that ends in .las, .laz or .ply", args.output.display()))?;
-    let inputs: Vec<&Path> = args.logs.iter().map(PathBuf::as_path).collect();
-    distinct(&inputs, &args.output)?;
-    let sizes: Vec<u64> = inputs.iter().map(|log| std::fs::metadata(log).map_or(0, |found| found.len())).collect();
+    distinct(&paths(&args.logs), &[&args.output])?;
+    let sizes: Vec<u64> = args.logs.iter().map(|log| std::fs::metadata(log).map_or(0, |found| found.len())).collect();
     let progress = Progress::new("cloud", sizes.iter().sum());
     let made = cloud::write(&args.logs, format, &args.output, |log, offset| {
         progress.at(sizes.iter().take(log).sum::<u64>() + offset);

@@ -19,7 +19,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    distinct(&[&args.log], &args.foxglove)?;
+    distinct(&[&args.log], &[&args.foxglove])?;
     let progress = Progress::new("export", std::fs::metadata(&args.log).map_or(0, |metadata| metadata.len()));
     let made = crossfall::export::foxglove(&args.log, &args.foxglove, |offset| progress.at(offset))?;
     drop(progress);

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::Context;
 use crossfall::words;
 
-use super::{Outcome, say, tell};
+use super::{Outcome, has_read_enough, print, tell};
 
 /// What the board said in words
 #[derive(clap::Args)]
@@ -29,11 +29,15 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let table = args.elf.as_deref().map(words::table).transpose()?;
     let untold = words::read(&args.log, table.as_ref(), |line| -> anyhow::Result<()> {
         if args.json {
-            return Ok(say(&serde_json::to_string(&line).context("a line")?)?);
+            return Ok(print(&serde_json::to_string(&line).context("a line")?)?);
         }
         let bench = if line.defmt { " (bench)" } else { "" };
-        Ok(say(&format!("{:12.6} s  {:5} {}{bench}", line.device_time_us as f64 * 1e-6, line.level, line.text))?)
-    })?;
+        Ok(print(&format!("{:12.6} s  {:5} {}{bench}", line.device_time_us as f64 * 1e-6, line.level, line.text))?)
+    });
+    let untold = match untold {
+        Err(error) if error.downcast_ref().is_some_and(has_read_enough) => return Ok(Outcome::Done),
+        other => other?,
+    };
     if untold.defmt_bytes > 0 {
         tell!("{} bytes of bench messages; --elf, with the board's image, makes them readable", untold.defmt_bytes);
     }

@@ -40,7 +40,7 @@ pub struct Args {
     #[arg(long, value_name = "N", conflicts_with = "station")]
     scan: Option<u32>,
     /// The section nearest to this station of the first log, in metres
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, value_name = "METRES", value_parser = super::number(-1e9, 1e9))]
     station: Option<f64>,
     /// Scalable, in pixels, or both
     #[arg(long, value_enum, default_value_t = Format::Svg)]
@@ -78,7 +78,6 @@ impl From<Theme> for plot::Theme {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    std::fs::create_dir_all(&args.output).with_context(|| args.output.display().to_string())?;
     let mut drives = Vec::new();
     for log in &args.logs {
         let progress = Progress::new("read", std::fs::metadata(log).map_or(0, |metadata| metadata.len()));
@@ -92,16 +91,18 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         None => args.scan.unwrap_or_else(|| typical(first)),
     };
     let canvas = Canvas { folder: &args.output, format: args.format, theme: args.theme.into() };
-    let mut paths = slopes(&canvas, &drives, &names(&args.logs), &Default::default())?;
+    // What may not be there is looked for before the first picture is made.
+    let kinds = args.truth.as_deref().map(|truth| errors(first, truth)).transpose()?;
+    let mut paths = Vec::new();
     let found = one_section(&canvas, log, number, &mut paths)?;
+    paths.extend(slopes(&canvas, &drives, &names(&args.logs), &Default::default())?);
     let title = format!("Variation of the slope along the section of scan {number}");
     paths.extend(canvas.write(&format!("variation-{number}"), &plot::variation(&found, &title, canvas.theme)?)?);
     paths.extend(view(&canvas, log, first, number)?);
     if drives.len() > 1 {
         paths.extend(runs(&canvas, args, &drives, number, found)?);
     }
-    if let Some(truth) = &args.truth {
-        let kinds = errors(first, truth)?;
+    if let Some(kinds) = kinds {
         let svg = plot::errors(&kinds, "Slopes against the truth, every scan", canvas.theme)?;
         paths.extend(canvas.write("errors", &svg)?);
     }
@@ -111,7 +112,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::lost_if(drives.iter().any(|drive| drive.health.damage > 0)))
 }
 
-/// Where pictures go.
+/// Where pictures go; the folder is made for the first one.
 pub struct Canvas<'a> {
     pub folder: &'a Path,
     pub format: Format,
@@ -120,6 +121,7 @@ pub struct Canvas<'a> {
 
 impl Canvas<'_> {
     fn write(&self, name: &str, svg: &str) -> anyhow::Result<Vec<PathBuf>> {
+        std::fs::create_dir_all(self.folder).with_context(|| self.folder.display().to_string())?;
         let mut paths = Vec::new();
         if self.format != Format::Png {
             paths.push(self.folder.join(format!("{name}.svg")));

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use crossfall::recover::{Loss, Report, recover};
 
 use super::progress::Progress;
-use super::{Outcome, distinct, say, say_json, tell};
+use super::{Outcome, distinct, paths, say, say_json, tell, tell_growing};
 
 /// Rebuild a damaged log and tell exactly what is lost
 #[derive(clap::Args)]
@@ -30,11 +30,8 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    let inputs: Vec<_> = args.logs.iter().map(PathBuf::as_path).collect();
-    distinct(&inputs, &args.output)?;
-    for log in inputs.iter().filter(|log| crossfall::log::is_being_written(log)) {
-        tell!("{}: is being recorded: what is recovered ends with its last closed chunk", log.display());
-    }
+    distinct(&paths(&args.logs), &[&args.output])?;
+    tell_growing(&args.logs, "recovered");
     let sizes: Vec<u64> = args.logs.iter().map(|log| fs::metadata(log).map_or(0, |metadata| metadata.len())).collect();
     let progress = Progress::new("recover", sizes.iter().sum());
     let report = recover(&args.logs, &args.output, |file, offset| {

@@ -8,7 +8,7 @@ use std::fs;
 use std::path::PathBuf;
 
 use super::progress::Progress;
-use super::{Outcome, say, say_json, tell};
+use super::{Outcome, say, say_json, tell, tell_growing};
 
 /// Prove that a log is whole and its profiles are right
 #[derive(clap::Args)]
@@ -28,6 +28,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let Some((first, others)) = args.logs.split_first() else { anyhow::bail!("no log to verify") };
+    tell_growing(&args.logs, "verified");
     let sizes: Vec<u64> = args.logs.iter().map(|log| fs::metadata(log).map_or(0, |metadata| metadata.len())).collect();
     let progress = Progress::new("verify", sizes.iter().sum());
     let report = crossfall::verify::verify_all(first, others, |file, offset| {
