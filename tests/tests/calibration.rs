@@ -178,6 +178,11 @@ fn a_drive_tells_the_delay_but_hardly_the_offset() {
     let new = found.scanner(&old).expect("an offset");
     assert_eq!(new.mounting_offset, old.mounting_offset, "what is not known is not put in");
     assert_ne!(new.delay_us, old.delay_us);
+    // As an angle these would be others: 80.8 degrees is what 1e9 wraps to.
+    for roll_offset_deg in [f64::NAN, f64::INFINITY, 1e9, -90.5] {
+        let wrong = Estimate { offset_determined: true, roll_offset_deg, ..found.clone() };
+        assert!(wrong.scanner(&old).is_err(), "{roll_offset_deg}");
+    }
 }
 
 #[test]

@@ -59,9 +59,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     match &*args.logs {
         [up, down] if args.fuse => fused(args, up, down),
         _ if args.fuse => Err(usage("profiles", "--fuse takes two logs")),
-        _ if args.road.is_some() && !folder => {
-            Err(usage("profiles", "--road names the road of a data set: the output must be a folder, whose name ends in /"))
-        }
+        _ if args.road.is_some() && !folder => Err(usage(
+            "profiles",
+            "--road names the road of a data set: the output must be a folder, whose name ends in /",
+        )),
         logs if folder => many(args, logs),
         [log] if args.summary => summary(log, args.json),
         [log] => one(args, log),

@@ -24,7 +24,9 @@ pub fn is_recording(path: &Path) -> bool {
             return board != run::identity().board;
         }
         match log.next() {
-            Some((_, Item::Message { message: Message::Hello(hello), .. })) => return hello.board != run::identity().board,
+            Some((_, Item::Message { message: Message::Hello(hello), .. })) => {
+                return hello.board != run::identity().board;
+            }
             Some((place, _)) if place.frame < LOOKED_AT => {}
             _ => return log.frames() > 0,
         }
