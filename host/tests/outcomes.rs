@@ -170,10 +170,7 @@ fn the_work_and_the_verdict_do_not_hang_on_who_reads_stdout() {
     unread(at, &["calibrate", "rock.log.mcap", "-o", "my.toml"], 0);
     assert!(at.join("my.toml").exists());
     // Two drives that stood have positions, and no way.
-    let (_, said) = {
-        let output = command(at, &["compare", "rock.log.mcap", "rock.log.mcap"]).output().unwrap();
-        (0, String::from_utf8_lossy(&output.stderr).into_owned())
-    };
+    let (_, said) = ends(at, &["compare", "rock.log.mcap", "rock.log.mcap"], 0);
     assert!(said.contains("the first drive stood"), "{said}");
     // What does nothing but stream has done enough.
     assert_eq!(unread(at, &["profiles", "cut.mcap"], 0), "");
@@ -279,7 +276,7 @@ fn what_is_asked_wrongly_is_a_usage_error() {
         ("monitor a.mcap --device emulated", "cannot be used with"),
     ] {
         let (_, error) = ends(folder.path(), &wrong.split(' ').collect::<Vec<_>>(), 2);
-        assert!(error.contains(expected) && error.contains("Usage: crossfall "), "{wrong}: {error}");
+        assert!(error.starts_with("error: ") && error.contains(expected), "{wrong}: {error}");
     }
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
 }

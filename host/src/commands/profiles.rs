@@ -40,7 +40,7 @@ pub struct Args {
     /// One row for each stretch of this length: 1m, 10m, 100ft, 0.1mi
     #[arg(long, value_name = "LENGTH")]
     every: Option<Every>,
-    /// Name of the road in a data set, in a folder; without it the name of each log's folder
+    /// Name of the road in a data set; without it the name of each log's folder
     #[arg(long, value_name = "NAME", conflicts_with_all = ["fuse", "summary"])]
     road: Option<String>,
     /// Join two drives of one road: each left slope from the drive that measures it better, by stretches (10m without --every)
