@@ -113,16 +113,21 @@ pub struct Estimate {
 
 impl Estimate {
     /// A scanner's settings with what was found put in; what could not be told stays as it was.
-    #[must_use]
-    pub fn scanner(&self, old: &Scanner) -> Scanner {
+    ///
+    /// # Errors
+    /// When the offset is none of a scanner's: as an angle it would wrap to one that looks like one.
+    pub fn scanner(&self, old: &Scanner) -> Result<Scanner, Refusal> {
         let mut new = *old;
         if self.offset_determined {
+            if !(-90.0..=90.0).contains(&self.roll_offset_deg) {
+                return Err(Refusal::Offset { degrees: self.roll_offset_deg });
+            }
             new.mounting_offset = crate::config::angle_of(self.roll_offset_deg);
         }
         if self.delay_determined {
             new.delay_us = self.lidar_delay_us.round() as i32;
         }
-        new
+        Ok(new)
     }
 }
 
@@ -141,6 +146,12 @@ pub enum Refusal {
         usable: usize,
         /// Scans in the log.
         scans: usize,
+    },
+    /// The mounting offset cannot be one.
+    #[error("a mounting offset of {degrees} degrees, expected one from -90 to 90")]
+    Offset {
+        /// What came out.
+        degrees: f64,
     },
 }
 

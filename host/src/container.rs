@@ -7,7 +7,7 @@
 //!
 //! Bounds: one chunk is in memory at a time, and no chunk larger than [`MAX_CHUNK`] is accepted, whatever its header says.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 
@@ -168,11 +168,16 @@ impl Container {
     /// Opens a file and checks that it is one of MCAP.
     pub fn open(path: &Path) -> Result<Self, Error> {
         let wrap = |source| Error::Io { path: path.to_path_buf(), source };
-        let file = File::open(path).map_err(wrap)?;
-        let metadata = file.metadata().map_err(wrap)?;
+        // Looked at before it is opened: opening a pipe waits for its writer.
+        let metadata = fs::metadata(path).map_err(wrap)?;
         if metadata.is_dir() {
             return Err(wrap(io::Error::from(io::ErrorKind::IsADirectory)));
         }
+        if !metadata.is_file() {
+            let what = "is a pipe or a device, and must be a file: it is read at any place";
+            return Err(wrap(io::Error::new(io::ErrorKind::NotSeekable, what)));
+        }
+        let file = File::open(path).map_err(wrap)?;
         let mut file = BufReader::with_capacity(1 << 16, file);
         let mut start = Vec::with_capacity(mcap::MAGIC.len());
         file.by_ref().take(mcap::MAGIC.len() as u64).read_to_end(&mut start).map_err(wrap)?;

@@ -6,13 +6,14 @@
 use std::path::Path;
 
 use crossfall_core::protocol::Config;
-use crossfall_core::protocol::message::{Message, Profile, PulseVerdict, Session, Status, flags};
+use crossfall_core::protocol::message::{Message, Profile, PulseVerdict, flags};
 
 use crate::container::Error;
 use crate::geodesy::Geodetic;
 use crate::interrupt;
 use crate::profiles::{Row, SlopeRow, degrees, host_flags, sides};
 use crate::section::Section;
+use crate::totals::Totals;
 use crate::walk::Walk;
 
 /// Sections kept.
@@ -58,10 +59,8 @@ pub struct Health {
     pub damage: u64,
     /// Profiles whose scan is not in the log.
     pub unmatched: u64,
-    /// Times that the board began anew.
-    pub boots: u64,
-    /// The last counters of the board.
-    pub status: Status,
+    /// The board's counters, over all its boots.
+    pub totals: Totals,
     /// Poses, and how many of them were timed by pulses.
     pub poses: u64,
     /// See `poses`.
@@ -136,6 +135,7 @@ impl Drive {
         interrupt::check()?;
         drive.health.damage = walk.damage();
         drive.health.unmatched = walk.unmatched();
+        drive.health.totals = walk.totals().clone();
         Ok(drive)
     }
 
@@ -166,7 +166,6 @@ impl Drive {
         match message {
             Message::Hello(hello) => self.identity = Some((hello.firmware.to_owned(), hello.board.to_owned())),
             Message::Config(now) => self.config = *now,
-            Message::Session(Session::Started(_)) => health.boots += 1,
             Message::Pose(pose) => {
                 health.poses += 1;
                 health.poses_by_pulse += u64::from(pose.timed_by_pulse);
@@ -177,7 +176,6 @@ impl Drive {
                 PulseVerdict::Accepted | PulseVerdict::Restarted => health.pulses += 1,
             },
             Message::Clock(clock) => health.drift_ppm = Some(f64::from(clock.drift) / 4_294.967_296),
-            Message::Status(status) => health.status = *status,
             _ => {}
         }
     }
@@ -196,10 +194,11 @@ impl Drive {
         found as f64 / self.scans.len().max(1) as f64
     }
 
-    /// Whether nothing was lost on the way.
+    /// Whether nothing was lost on the way. What a board had under way when it booted again nobody knows.
     #[must_use]
     pub fn is_whole(&self) -> bool {
-        self.health.damage == 0 && self.health.unmatched == 0 && crate::info::losses(&self.health.status).is_empty()
+        let Health { damage, unmatched, totals, .. } = &self.health;
+        *damage == 0 && *unmatched == 0 && totals.restarts() == 0 && totals.losses().is_empty()
     }
 
     /// Scans that have a flag.

@@ -14,13 +14,15 @@ use crate::container::Error;
 use crate::interrupt;
 use crate::scanner::{self, Family};
 use crate::stream::{Item, Stream};
+use crate::totals::Totals;
+use crate::verify::times::Span;
 
 /// A file at a glance.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Info {
     /// `capture` or `log`.
     pub kind: &'static str,
-    /// From the first to the last thing in it, in device time.
+    /// From the first to the last thing in a capture, from the first to the last scan or pose of a log over all boots, in device time.
     pub seconds: f64,
     /// Scans.
     pub scans: u64,
@@ -28,7 +30,7 @@ pub struct Info {
     pub poses: u64,
     /// Pulses.
     pub pulses: u64,
-    /// Every counter by name: of a capture those of the decoders, of a log those of the board's last status and of the link.
+    /// Every counter by name: of a capture those of the decoders, of a log those of the board, over all its boots, and of the link.
     pub counters: BTreeMap<String, u64>,
     /// Of a capture the family of its scanner, of a log its metadata and the board's hello.
     pub about: BTreeMap<String, String>,
@@ -108,42 +110,31 @@ fn look_at_chunks<S: Scanner>(
 fn look_at_log(mut log: Stream) -> Result<Info, Error> {
     let mut info = Info { kind: "log", ..Info::default() };
     let (mut frames, mut bad, mut missing, mut profiles) = (0, 0, 0, 0);
-    let mut span: Option<(DeviceTime, DeviceTime)> = None;
-    let mut see = |time: DeviceTime| {
-        let (first, last) = span.unwrap_or((time, time));
-        span = Some((first.min(time), last.max(time)));
-    };
+    let (mut span, mut totals) = (Span::default(), Totals::default());
     while let Some((_, item)) = log.next() {
         match item {
             Item::Message { message, gap } => {
                 frames += 1;
-                if let Gap::Missing(count) = gap {
-                    missing += u64::from(count);
+                match gap {
+                    Gap::None => {}
+                    Gap::Missing(count) => missing += u64::from(count),
+                    Gap::Restarted => {
+                        span.restart();
+                        totals.restart();
+                    }
                 }
+                span.see(&message);
                 match message {
                     Message::Hello(hello) => {
                         info.about.insert("firmware".to_owned(), hello.firmware.to_owned());
                         info.about.insert("board".to_owned(), hello.board.to_owned());
                         info.about.insert("schema".to_owned(), format!("{:016x}", hello.schema));
                     }
-                    Message::Scan(scan) => {
-                        info.scans += 1;
-                        see(scan.stx);
-                    }
-                    Message::Pose(pose) => {
-                        info.poses += 1;
-                        see(pose.time);
-                    }
-                    Message::Pulse(pulse) => {
-                        info.pulses += 1;
-                        see(pulse.time);
-                    }
+                    Message::Scan(_) => info.scans += 1,
+                    Message::Pose(_) => info.poses += 1,
+                    Message::Pulse(_) => info.pulses += 1,
                     Message::Profile(_) => profiles += 1,
-                    Message::Status(status) => {
-                        for (name, count) in counters(&status) {
-                            info.counters.insert(name, count);
-                        }
-                    }
+                    Message::Status(status) => totals.status(&status),
                     _ => {}
                 }
             }
@@ -152,8 +143,14 @@ fn look_at_log(mut log: Stream) -> Result<Info, Error> {
         }
     }
     interrupt::check()?;
-    for (name, count) in [("frames", frames), ("bad_frames", bad), ("missing_frames", missing), ("profiles", profiles)]
-    {
+    info.counters = totals.counters();
+    for (name, count) in [
+        ("frames", frames),
+        ("bad_frames", bad),
+        ("missing_frames", missing),
+        ("profiles", profiles),
+        ("restarts", totals.restarts()),
+    ] {
         info.counters.insert(format!("link.{name}"), count);
     }
     for (name, entries) in log.metadata() {
@@ -161,7 +158,7 @@ fn look_at_log(mut log: Stream) -> Result<Info, Error> {
             info.about.insert(format!("{name}.{key}"), value.clone());
         }
     }
-    info.seconds = span.map_or(0.0, |(first, last)| last.since(first) as f64 * 1e-6);
+    info.seconds = span.seconds();
     Ok(info)
 }
 
@@ -205,6 +202,11 @@ pub fn counters(status: &Status) -> BTreeMap<String, u64> {
 /// The counters of a status that tell of lost data and are not zero.
 #[must_use]
 pub fn losses(status: &Status) -> BTreeMap<String, u64> {
+    lost(counters(status))
+}
+
+/// Of counters by name those that tell of lost data and are not zero.
+pub(crate) fn lost(mut counters: BTreeMap<String, u64>) -> BTreeMap<String, u64> {
     const LOSSES: [&str; 10] = [
         "lidar.bad_frames",
         "lidar.overruns",
@@ -217,7 +219,6 @@ pub fn losses(status: &Status) -> BTreeMap<String, u64> {
         "pulses_overrun",
         "frames_dropped",
     ];
-    let mut all = counters(status);
-    all.retain(|name, count| *count > 0 && LOSSES.contains(&name.as_str()));
-    all
+    counters.retain(|name, count| *count > 0 && LOSSES.contains(&name.as_str()));
+    counters
 }

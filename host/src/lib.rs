@@ -111,6 +111,7 @@ pub mod stream;
 pub mod table;
 pub mod terrain;
 pub mod toml_file;
+pub mod totals;
 pub mod track;
 pub mod verify;
 pub mod walk;

@@ -9,6 +9,7 @@
 
 mod parts;
 mod reader;
+mod recording;
 mod salvage;
 mod storage;
 mod writer;
@@ -16,6 +17,7 @@ mod writer;
 pub use crate::container::Error;
 pub use parts::{Parts, Recording};
 pub use reader::Reader;
+pub use recording::is_recording;
 pub(crate) use storage::sync_folder;
 pub use storage::{Storage, is_being_written};
 pub use writer::{Options, PARTS, Writer};
@@ -41,6 +43,8 @@ pub mod metadata {
     pub const SEGMENT: &str = "segment";
     /// In a log that `recover` made: what it was made `from`, and what was lost.
     pub const RECOVERED: &str = "recovered";
+    /// The drive is a simulated one, which can be made again: its `seed`.
+    pub const SIMULATED: &str = "simulated";
 }
 
 /// One frame as received.

@@ -1,12 +1,11 @@
 //! The `crossfall` command.
 //!
 //! Data on stdout, progress and messages on stderr. This is the only place that makes exit codes: 0 done, 1 failed, 2 usage, 3 done but
-//! data was lost or did not verify. A reader that closes its end of a pipe is not an error.
+//! data was lost or did not verify.
 #![forbid(unsafe_code)]
 
 mod commands;
 
-use std::io::{self, ErrorKind};
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser};
@@ -34,11 +33,17 @@ fn main() -> ExitCode {
     match command.run() {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Lost) => ExitCode::from(3),
-        Err(error) if broken_pipe(&error) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("crossfall: {}", commands::visible(&line(&error)));
-            ExitCode::FAILURE
-        }
+        Err(error) => match error.downcast_ref::<clap::Error>() {
+            Some(usage) => {
+                // A closed stderr changes nothing.
+                let _ = usage.print();
+                ExitCode::from(2)
+            }
+            None => {
+                eprintln!("crossfall: {}", commands::visible(&line(&error)));
+                ExitCode::FAILURE
+            }
+        },
     }
 }
 
@@ -49,8 +54,4 @@ fn line(error: &anyhow::Error) -> String {
         before if before.ends_with(&cause) => told,
         before => format!("{before}: {cause}"),
     })
-}
-
-fn broken_pipe(error: &anyhow::Error) -> bool {
-    error.chain().any(|cause| cause.downcast_ref::<io::Error>().is_some_and(|e| e.kind() == ErrorKind::BrokenPipe))
 }

@@ -1,7 +1,7 @@
 //! Output files that appear whole or not at all.
 //!
 //! A file is written under a temporary name in its own folder and renamed by [`Output::commit`]. Dropped before that
-//! (an error, Ctrl-C) it is removed. What is not a regular file (`/dev/null`, a pipe) is written in place, since
+//! (an error, Ctrl-C) it is removed. A recording of a board is never replaced. What is not a regular file (`/dev/null`, a pipe) is written in place, since
 //! renaming would replace it. Once the user has asked to stop nothing is given its name: it may be half of what it should be.
 
 use std::fs::{self, File, OpenOptions};
@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use tempfile::TempPath;
 
-use crate::log::{is_being_written, sync_folder};
+use crate::log::{is_being_written, is_recording, sync_folder};
 
 /// A file that could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -124,10 +124,14 @@ fn followed(path: &Path) -> io::Result<PathBuf> {
     Err(io::Error::other("too many links that lead to each other"))
 }
 
-/// Refuses to take the name of a recording that is being written: it would go on in a file that has none.
+/// Refuses to take the name of a recording: one that is being written would go on in a file that has none, and one that is done nobody can make again.
 fn free(path: &Path) -> io::Result<()> {
     if is_being_written(path) {
         return Err(io::Error::new(io::ErrorKind::ResourceBusy, "a recording is being written to it"));
+    }
+    if is_recording(path) {
+        let what = "it is a recording of a board, which is never written over: give another name, or delete it first";
+        return Err(io::Error::new(io::ErrorKind::AlreadyExists, what));
     }
     Ok(())
 }

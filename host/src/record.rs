@@ -20,10 +20,10 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use crossfall_core::protocol::message::Status;
 use crossfall_core::protocol::schema;
 
 use crate::output;
+use crate::totals::Totals;
 pub use buffer::CAPACITY;
 use buffer::{Buffer, Event, Taken};
 pub(crate) use device::connect;
@@ -127,12 +127,10 @@ pub struct Summary {
     pub bytes_lost: u64,
     /// Times that a lost connection came back.
     pub reconnects: u64,
-    /// Times that the board booted within the recording.
-    pub restarts: u64,
     /// Whether there is no connection: what the board sends meanwhile is lost, and nobody knows how much it is.
     pub disconnected: bool,
-    /// The board's last status: every counter.
-    pub status: Status,
+    /// The board's counters, over all its boots within the recording.
+    pub totals: Totals,
     /// Bytes on the disk, in all files of the log.
     pub log_bytes: u64,
     /// Files of the log.
@@ -145,7 +143,7 @@ impl Summary {
     #[must_use]
     pub fn lost(&self) -> bool {
         let known = self.bad_frames > 0 || self.missing_frames > 0 || self.bytes_lost > 0 || self.frames == 0;
-        known || self.restarts > 0 || self.disconnected
+        known || self.totals.restarts() > 0 || self.disconnected
     }
 }
 

@@ -49,6 +49,7 @@ pub enum Error {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Loss {
     /// The file.
+    #[serde(serialize_with = "shown")]
     pub file: PathBuf,
     /// Where in it, in bytes.
     pub offset: u64,
@@ -60,6 +61,11 @@ pub struct Loss {
     pub seconds: Option<f64>,
     /// What was found.
     pub what: String,
+}
+
+/// A path as it is told: serde itself fails on one that is not UTF-8.
+fn shown<S: serde::Serializer>(file: &Path, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(&file.display())
 }
 
 /// The account.

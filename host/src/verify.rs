@@ -9,7 +9,7 @@
 
 mod beside;
 mod replay;
-mod times;
+pub(crate) mod times;
 
 use std::path::{Path, PathBuf};
 
@@ -33,7 +33,7 @@ const KEPT: usize = 1_000;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Problem {
     /// The file, in a recording of several.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none", serialize_with = "shown")]
     pub file: Option<PathBuf>,
     /// 0-based number of the frame in the log.
     pub frame: u64,
@@ -198,6 +198,14 @@ fn read(
         report.note(name(last.file), last, "the log holds no frame".to_owned());
     }
     stranger
+}
+
+/// A path as it is told: serde itself fails on one that is not UTF-8.
+fn shown<S: serde::Serializer>(file: &Option<PathBuf>, serializer: S) -> Result<S::Ok, S::Error> {
+    match file {
+        Some(file) => serializer.collect_str(&file.display()),
+        None => serializer.serialize_none(),
+    }
 }
 
 impl Report {

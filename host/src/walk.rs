@@ -16,6 +16,7 @@ use crossfall_core::scan::{Points, RawScan, RollTrack, level};
 use crate::container::Error;
 use crate::section::{Place, Section};
 use crate::stream::{Item, Stream};
+use crate::totals::Totals;
 use crate::track::{Position, Track};
 
 /// Walks a log.
@@ -29,6 +30,7 @@ pub struct Walk {
     room: RawScan,
     damage: u64,
     unmatched: u64,
+    totals: Totals,
 }
 
 /// A scan as it was sent, its ranges still in their code.
@@ -68,6 +70,7 @@ impl Walk {
             room: RawScan::EMPTY,
             damage: 0,
             unmatched: 0,
+            totals: Totals::default(),
         })
     }
 
@@ -81,6 +84,12 @@ impl Walk {
     #[must_use]
     pub fn unmatched(&self) -> u64 {
         self.unmatched
+    }
+
+    /// The board's counters so far, over all its boots.
+    #[must_use]
+    pub fn totals(&self) -> &Totals {
+        &self.totals
     }
 
     /// How far the log has been read, in bytes of all its files.
@@ -102,6 +111,7 @@ impl Walk {
                 Gap::None => {}
                 Gap::Missing(_) => self.damage += 1,
                 Gap::Restarted => {
+                    self.totals.restart();
                     self.track.restart();
                     self.history.clear();
                     self.recent.clear();
@@ -118,6 +128,7 @@ impl Walk {
                 }
                 Message::Clock(clock) => self.track.clock(&clock),
                 Message::Session(Session::Started(_)) => self.history.clear(),
+                Message::Status(status) => self.totals.status(&status),
                 Message::Scan(scan) => hold(&mut self.recent, &scan),
                 _ => {}
             }

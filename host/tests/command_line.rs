@@ -203,11 +203,8 @@ fn a_scene_or_a_configuration_that_cannot_be_is_refused_by_its_key() {
         "c.toml: survey.seed.onset_mm = 60.0, expected less than survey.seed.departure_mm = 50.0 (T3 < T1)";
     fails(at, &["run", "drive.mcap", "--config", "c.toml", "-o", "a.mcap"], contradiction);
     fails(at, &["config", "c.toml"], contradiction);
-    fails(
-        at,
-        &["simulate", "--seconds", "-1", "-o", "a.mcap"].map(|a| if a == "-1" { "0" } else { a }),
-        "drive.seconds = 0",
-    );
+    fs::write(at.join("s.toml"), "[drive]\nseconds = 0.0\n").unwrap();
+    fails(at, &["simulate", "--scene", "s.toml", "-o", "a.mcap"], "drive.seconds = 0");
     assert_eq!(names(at), ["c.toml", "drive.mcap", "s.toml"]);
 }
 

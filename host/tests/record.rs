@@ -113,7 +113,7 @@ fn a_clean_stream_is_logged_as_it_was_sent() {
     let (summary, notices) = record_frames(&device, &path, sent.len());
     drop(board.join().unwrap());
     assert!(!summary.lost(), "{summary:?}");
-    assert_eq!((summary.profiles, summary.restarts, summary.reconnects), (112, 0, 0));
+    assert_eq!((summary.profiles, summary.totals.restarts(), summary.reconnects), (112, 0, 0));
     assert!(matches!(&notices[..], [Notice::Board { board, .. }] if board == "in process"), "{notices:?}");
     assert!(frames(&path) == sent);
 
@@ -209,7 +209,7 @@ fn a_board_that_boots_again_is_told_and_goes_on_in_the_same_log() {
     });
     let (summary, notices) = record_frames(&device, &path, 300 + sent.len());
     drop(board.join().unwrap());
-    assert_eq!((summary.lost(), summary.restarts), (true, 1));
+    assert_eq!((summary.lost(), summary.totals.restarts()), (true, 1));
     assert!(matches!(&notices[..], [Notice::Board { .. }, Notice::Restarted { .. }]), "{notices:?}");
     let report = verify::verify(&path, |_| ()).unwrap();
     assert_eq!((report.boots, report.bad_frames, report.missing_frames), (2, 0, 0));

@@ -94,7 +94,7 @@ fn a_second_calibration_finds_nothing_more() {
     let scene = rock_test(5);
     let first = calibrated(&scene, scratch.path());
     let mut better = Config::default();
-    better.scanner = first.scanner(&better.scanner);
+    better.scanner = first.scanner(&better.scanner).expect("an offset");
     let text = config::to_toml(&better);
     let read_back = config::parse(Path::new("my.toml"), &text).expect("a configuration that run takes");
     assert_eq!(read_back, better);
@@ -176,9 +176,14 @@ fn a_drive_tells_the_delay_but_hardly_the_offset() {
     assert!(offset_error.abs() < 2.0 * found.roll_offset_se_deg, "{offset_error}");
     assert!(!found.offset_determined, "a road's cross slope is not known");
     let old = Config::default().scanner;
-    let new = found.scanner(&old);
+    let new = found.scanner(&old).expect("an offset");
     assert_eq!(new.mounting_offset, old.mounting_offset, "what is not known is not put in");
     assert_ne!(new.delay_us, old.delay_us);
+    // As an angle these would be others: 80.8 degrees is what 1e9 wraps to.
+    for roll_offset_deg in [f64::NAN, f64::INFINITY, 1e9, -90.5] {
+        let wrong = Estimate { offset_determined: true, roll_offset_deg, ..found.clone() };
+        assert!(wrong.scanner(&old).is_err(), "{roll_offset_deg}");
+    }
 }
 
 #[test]

@@ -5,7 +5,7 @@ use crossfall_core::protocol::config::Scanner;
 use crossfall_core::scan::{Points, RawScan, RollTrack, level};
 
 use super::ground::{Ground, REACH_M};
-use super::{Drive, Estimate, statistics};
+use super::{Drive, Estimate, Refusal, statistics};
 use crate::section::Place;
 
 /// Points of some scans, and how far they lie from one line.
@@ -20,12 +20,14 @@ pub struct Layers {
 }
 
 /// The ground within three metres of the sensor, of so many scans spread over the log.
-#[must_use]
-pub fn layers(drive: &Drive, found: &Estimate, scans: usize) -> Layers {
+///
+/// # Errors
+/// As of [`Estimate::scanner`].
+pub fn layers(drive: &Drive, found: &Estimate, scans: usize) -> Result<Layers, Refusal> {
     let ground = Ground::new(drive);
     let old = drive.config.scanner;
     let untilted = Scanner { mounting_offset: Angle::ZERO, ..old };
-    let new = found.scanner(&old);
+    let new = found.scanner(&old)?;
     let step = (drive.scans.len() / scans.max(1)).max(1);
     let mut layers = Layers::default();
     // From the middle of the first part, so that neither end of the log counts more.
@@ -37,7 +39,7 @@ pub fn layers(drive: &Drive, found: &Estimate, scans: usize) -> Layers {
         near(scan, &before.track, &old, &mut layers.compensated);
         near(scan, &after.track, &new, &mut layers.corrected);
     }
-    layers
+    Ok(layers)
 }
 
 impl Layers {

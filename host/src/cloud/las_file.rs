@@ -1,21 +1,93 @@
 //! LAS 1.4 and LAZ: point format 6, millimetres, the coordinate system as WKT, GPS time adjusted standard.
 
+use std::io::{self, Seek, SeekFrom, Write};
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+
 use las::point::{Classification, Format};
 use las::{Builder, GpsTimeType, Point, Transform, Vector, Writer};
 
 use super::{Error, Return, Sink};
 use crate::geodesy::wkt;
-use crate::output::Output;
+use crate::output::{self, Output};
 
 pub struct File {
-    writer: Writer<Output>,
-    path: std::path::PathBuf,
+    writer: Writer<Unfailing>,
+    outcome: Outcome,
+}
+
+/// How the writing went: the file's name, and the first error of the system's.
+#[derive(Clone)]
+struct Outcome {
+    path: PathBuf,
+    failed: Arc<Mutex<Option<io::Error>>>,
+}
+
+impl Outcome {
+    /// What `las` says, unless the file has failed under it.
+    fn of<T>(&self, said: las::Result<T>) -> Result<T, Error> {
+        let failed = self.failed.lock().unwrap_or_else(PoisonError::into_inner).take();
+        match failed {
+            Some(source) => Err(output::Error { path: self.path.clone(), source }.into()),
+            None => said.map_err(|source| Error::Las { path: self.path.clone(), source }),
+        }
+    }
+}
+
+/// What `las` writes to. Its writer closes itself once more when it is dropped, and panics when that fails: so behind the first error, which is
+/// kept, everything succeeds and nothing is written.
+struct Unfailing {
+    output: Output,
+    position: u64,
+    end: u64,
+    broken: bool,
+    failed: Arc<Mutex<Option<io::Error>>>,
+}
+
+impl Unfailing {
+    fn attempt<T>(&mut self, attempt: impl FnOnce(&mut Output) -> io::Result<T>, otherwise: T) -> T {
+        if self.broken {
+            return otherwise;
+        }
+        attempt(&mut self.output).unwrap_or_else(|error| {
+            self.broken = true;
+            *self.failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+            otherwise
+        })
+    }
+}
+
+impl Write for Unfailing {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let count = self.attempt(|output| output.write_all(bytes).map(|()| bytes.len()), bytes.len());
+        self.position += count as u64;
+        self.end = self.end.max(self.position);
+        Ok(count)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.attempt(Output::flush, ());
+        Ok(())
+    }
+}
+
+impl Seek for Unfailing {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        let there = match to {
+            SeekFrom::Start(there) => Some(there),
+            SeekFrom::Current(by) => self.position.checked_add_signed(by),
+            SeekFrom::End(by) => self.end.checked_add_signed(by),
+        };
+        let there = there.ok_or(io::ErrorKind::InvalidInput)?;
+        self.position = self.attempt(|output| output.seek(SeekFrom::Start(there)), there);
+        Ok(self.position)
+    }
 }
 
 impl File {
     pub fn new(output: Output, origin: [f64; 3], epsg: u16, compressed: bool) -> Result<Self, Error> {
-        let path = output.path().to_path_buf();
-        let wrap = |source| Error::Las { path: path.clone(), source };
+        let outcome = Outcome { path: output.path().to_path_buf(), failed: Arc::default() };
+        let wrap = |source| Error::Las { path: outcome.path.clone(), source };
         let mut builder = Builder::from((1, 4));
         builder.point_format = Format::new(6).map_err(wrap)?;
         builder.point_format.is_compressed = compressed;
@@ -29,14 +101,15 @@ impl File {
         let mut header = builder.into_header().map_err(wrap)?;
         // The format wants the text to end in a zero.
         header.set_wkt_crs([wkt(epsg).as_bytes(), &[0]].concat()).map_err(wrap)?;
-        let writer = Writer::new(output, header).map_err(wrap)?;
-        Ok(Self { writer, path })
+        let output = Unfailing { output, position: 0, end: 0, broken: false, failed: Arc::clone(&outcome.failed) };
+        let writer = outcome.of(Writer::new(output, header))?;
+        Ok(Self { writer, outcome })
     }
 }
 
 impl Sink for File {
     fn point(&mut self, point: &Return) -> Result<(), Error> {
-        let wrap = |source| Error::Las { path: self.path.clone(), source };
+        let wrap = |source| Error::Las { path: self.outcome.path.clone(), source };
         let record = Point {
             x: point.place[0],
             y: point.place[1],
@@ -49,12 +122,13 @@ impl Sink for File {
             gps_time: Some(point.gps_time),
             ..Point::default()
         };
-        self.writer.write_point(record).map_err(wrap)
+        let written = self.writer.write_point(record);
+        self.outcome.of(written)
     }
 
     fn finish(mut self: Box<Self>) -> Result<(), Error> {
-        let wrap = |source| Error::Las { path: self.path.clone(), source };
-        self.writer.close().map_err(wrap)?;
-        Ok(self.writer.into_inner().map_err(wrap)?.commit()?)
+        let closed = self.writer.close();
+        self.outcome.of(closed)?;
+        Ok(self.outcome.of(self.writer.into_inner())?.output.commit()?)
     }
 }

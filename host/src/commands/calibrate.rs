@@ -13,7 +13,7 @@ use crossfall::plot::{self, Courses};
 use crossfall::{config, output};
 
 use super::plot::Theme;
-use super::{Outcome, distinct, drives, say, say_json, tell};
+use super::{Outcome, distinct, drives, number, paths, say, say_json, tell};
 
 /// Scans whose points are drawn.
 const DRAWN_SCANS: usize = 60;
@@ -31,7 +31,7 @@ pub struct Args {
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
     /// The surface's mean slope to the left in degrees, if it is known [default: level if the vehicle is parked]
-    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = number(-45.0, 45.0))]
     cross_slope: Option<f64>,
     /// Write a configuration with the result, which `crossfall run --config` takes
     #[arg(short, long, value_name = "TOML")]
@@ -50,7 +50,7 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let surface = args.cross_slope.map_or(Surface::Assumed, Surface::Known);
     if let Some(output) = &args.output {
-        distinct(&args.logs.iter().map(PathBuf::as_path).collect::<Vec<_>>(), output)?;
+        distinct(&paths(&args.logs), &[output])?;
     }
     let (mut estimates, mut first, mut damage) = (Vec::new(), None, 0);
     let logs = drives::of(&args.logs);
@@ -89,7 +89,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     anyhow::ensure!(found.delay_determined, "{name}: the data cannot tell the delay");
     if let Some(path) = &args.output {
         let mut calibrated = drive.config;
-        calibrated.scanner = found.scanner(&calibrated.scanner);
+        calibrated.scanner = found.scanner(&calibrated.scanner)?;
         calibrated.check().context("the result is out of range")?;
         output::write(path, config::to_toml(&calibrated).as_bytes())?;
         if !found.offset_determined {
@@ -147,7 +147,7 @@ pub fn draw_rock(found: &Estimate, samples: &[Sample], path: &Path, theme: plot:
 
 /// Draws the ground before and after as the paper's figure 6.
 pub fn draw_ground(drive: &Drive, found: &Estimate, path: &Path, theme: plot::Theme) -> anyhow::Result<()> {
-    let layers: Layers = calibrate::layers(drive, found, DRAWN_SCANS);
+    let layers: Layers = calibrate::layers(drive, found, DRAWN_SCANS)?;
     let note = format!("{DRAWN_SCANS} scans spread over the log, within three metres of the sensor, seen from behind");
     let picture = plot::layers(&layers, "The ground under the vehicle", &note, theme)?;
     Ok(output::write(path, picture.as_bytes())?)

@@ -3,13 +3,13 @@
 //! UTM (WGS 84), ellipsoid heights, GPS time; classes road (11), adjacent slope (64), opposing slope (65), vegetation (3), other (1). The log that a point
 //! is from is its source: 1 is the first.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::Context;
 use crossfall::cloud::{self, Class, Format};
 
 use super::progress::Progress;
-use super::{Outcome, distinct, drives, say_json, tell};
+use super::{Outcome, distinct, drives, paths, say_json, tell};
 
 /// Write the returns as a point cloud on the map (LAS, LAZ, PLY)
 #[derive(clap::Args)]
@@ -35,9 +35,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let format = format
         .with_context(|| format!("{}: expected a name that ends in .las, .laz or .ply", args.output.display()))?;
     let logs = drives::of(&args.logs);
-    let inputs: Vec<&Path> = logs.iter().map(PathBuf::as_path).collect();
-    distinct(&inputs, &args.output)?;
-    let sizes: Vec<u64> = inputs.iter().map(|log| drives::size(log)).collect();
+    distinct(&paths(&logs), &[&args.output])?;
+    let sizes: Vec<u64> = logs.iter().map(|log| drives::size(log)).collect();
     let progress = Progress::new("cloud", sizes.iter().sum());
     let made = cloud::write(&logs, format, &args.output, |log, offset| {
         progress.at(sizes.iter().take(log).sum::<u64>() + offset);

@@ -17,7 +17,7 @@ use crossfall::output;
 use crossfall::plot::{self, Courses, Twice, Words};
 
 use super::plot::Theme;
-use super::{Outcome, drives, say, say_json, tell};
+use super::{Outcome, drives, number, say, say_json, tell};
 
 /// Hold drives against each other, against measurements by hand, or two inertial units of one drive
 #[derive(clap::Args)]
@@ -38,10 +38,10 @@ pub struct Args {
     #[arg(long, requires = "manual")]
     magnitudes: bool,
     /// Slopes within this distance along the road are of the same place
-    #[arg(long, value_name = "METRES", default_value_t = 1.0)]
+    #[arg(long, value_name = "METRES", default_value_t = 1.0, value_parser = number(0.001, 1e4))]
     within: f64,
     /// Compare medians over stretches of this length instead of single scans
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, value_name = "METRES", value_parser = number(0.1, 1e5))]
     over: Option<f64>,
     /// Which sides of the road
     #[arg(long, value_enum, default_value_t = Side::Both)]
@@ -66,13 +66,6 @@ enum Side {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    anyhow::ensure!(args.within > 0.0 && args.within <= 1e4, "--within = {}, expected a length in metres", args.within);
-    if let Some(over) = args.over {
-        anyhow::ensure!((0.1..=1e5).contains(&over), "--over = {over}, expected a length in metres from 0.1");
-    }
-    if let Some(folder) = &args.output {
-        std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
-    }
     if let [file] = &args.files[..]
         && args.manual.is_none()
     {
@@ -102,9 +95,15 @@ fn units(args: &Args, file: &Path) -> anyhow::Result<Outcome> {
         tell!("{} poses without a pulse to time them were left out", found.untimed);
     }
     if let Some(folder) = &args.output {
-        draw_attitude(&found, &folder.join("attitude.svg"), args.theme.into())?;
+        draw_attitude(&found, &picture(folder, "attitude.svg")?, args.theme.into())?;
     }
     Ok(Outcome::lost_if(!found.damage.is_empty()))
+}
+
+/// Where a picture goes; the folder is made for the first one, so that a comparison that fails leaves none.
+fn picture(folder: &Path, name: &str) -> anyhow::Result<PathBuf> {
+    std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+    Ok(folder.join(name))
 }
 
 fn attitude_text(found: &Comparison) -> String {
@@ -175,7 +174,7 @@ fn drives(args: &Args) -> anyhow::Result<Outcome> {
             tell!("{remark}");
         }
         if let Some(folder) = &args.output {
-            draw_repeat(repeated, &folder.join("repeat.svg"), args.theme.into())?;
+            draw_repeat(repeated, &picture(folder, "repeat.svg")?, args.theme.into())?;
         }
     }
     if !by_hand.is_empty() {
@@ -183,7 +182,7 @@ fn drives(args: &Args) -> anyhow::Result<Outcome> {
             say(&manual_text(&by_hand))?;
         }
         if let Some(folder) = &args.output {
-            draw_manual(&by_hand, &folder.join("manual.svg"), args.theme.into())?;
+            draw_manual(&by_hand, &picture(folder, "manual.svg")?, args.theme.into())?;
         }
     }
     for held in by_hand.iter().filter(|held| held.unmatched > 0) {

@@ -38,7 +38,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
     /// Seconds of scanning, instead of the scene's
-    #[arg(long)]
+    #[arg(long, value_parser = super::number(0.1, 86_400.0))]
     seconds: Option<f64>,
     /// Seed of everything random, instead of the scene's
     #[arg(long)]
@@ -184,6 +184,8 @@ fn in_emulator(
     log: &mut log::Writer,
 ) -> anyhow::Result<bool> {
     tell!("boots      {}", image.display());
+    // What a board has sent is a recording, unless the log says that the drive can be made again.
+    log.metadata(log::metadata::SIMULATED, [("seed".to_owned(), scene.drive.seed.to_string())].into())?;
     let drive: Vec<_> = Reader::open(capture)?.collect::<Result<_, _>>()?;
     let progress = Progress::new("drive", (scene.drive.seconds * 1e6) as u64);
     let surveyed =

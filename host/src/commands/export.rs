@@ -19,7 +19,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    distinct(&[&args.log], &args.foxglove)?;
+    distinct(&[&args.log], &[&args.foxglove])?;
     drives::of(std::slice::from_ref(&args.log));
     let progress = Progress::new("export", drives::size(&args.log));
     let made = crossfall::export::foxglove(&args.log, &args.foxglove, |offset| progress.at(offset))?;

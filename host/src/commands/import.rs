@@ -4,14 +4,14 @@
 //! kept, whether it decodes or not.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::Context;
 use crossfall::capture::Writer;
 use crossfall::import::{Ins, Lidar, import};
 use crossfall::scanner::Family;
 
-use super::{Outcome, distinct, tell};
+use super::{Outcome, distinct, paths, tell};
 
 /// Turn raw serial dumps into a capture
 #[derive(clap::Args)]
@@ -36,8 +36,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let config = super::configuration(args.config.as_deref())?;
-    let inputs: Vec<&Path> = args.lidar.iter().chain(&args.ins).map(PathBuf::as_path).collect();
-    distinct(&inputs, &args.output)?;
+    distinct(&paths(args.lidar.iter().chain(&args.ins).chain(&args.config)), &[&args.output])?;
     let read = |path: &PathBuf| fs::read(path).with_context(|| path.display().to_string());
     let lidar = args.lidar.as_ref().map(read).transpose()?;
     let ins = args.ins.as_ref().map(read).transpose()?;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use crossfall::words;
 
-use super::{Outcome, drives, say, say_json_line, tell};
+use super::{Outcome, drives, has_read_enough, print, print_json_line, tell};
 
 /// What the board said in words
 #[derive(clap::Args)]
@@ -29,11 +29,15 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     drives::of(std::slice::from_ref(&args.log));
     let untold = words::read(&args.log, table.as_ref(), |line| -> anyhow::Result<()> {
         if args.json {
-            return say_json_line(&line);
+            return print_json_line(&line);
         }
         let bench = if line.defmt { " (bench)" } else { "" };
-        Ok(say(&format!("{:12.6} s  {:5} {}{bench}", line.device_time_us as f64 * 1e-6, line.level, line.text))?)
-    })?;
+        Ok(print(&format!("{:12.6} s  {:5} {}{bench}", line.device_time_us as f64 * 1e-6, line.level, line.text))?)
+    });
+    let untold = match untold {
+        Err(error) if error.downcast_ref().is_some_and(has_read_enough) => return Ok(Outcome::Done),
+        other => other?,
+    };
     if untold.defmt_bytes > 0 {
         tell!("{} bytes of bench messages; --elf, with the board's image, makes them readable", untold.defmt_bytes);
     }

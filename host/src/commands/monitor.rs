@@ -2,8 +2,10 @@
 //!
 //! The lamps, the section and the figures of `crossfall serve`, without a browser. Ctrl-C or q ends it, and a recording with it, whole.
 
+use std::io::{self, IsTerminal};
 use std::time::Duration;
 
+use anyhow::Context;
 use crossfall::monitor::draw;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
 
@@ -29,8 +31,12 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    anyhow::ensure!(
+        io::stdout().is_terminal(),
+        "the monitor draws on a terminal, and stdout is none; `crossfall serve` shows the same in a browser"
+    );
     let live = args.source.start(args.into.logs()?)?;
-    let mut terminal = ratatui::try_init()?;
+    let mut terminal = ratatui::try_init().context("no terminal to draw on")?;
     let shown = (|| -> anyhow::Result<()> {
         while !crossfall::interrupt::requested() {
             let (state, section) = (live.hub().state(), live.hub().section());

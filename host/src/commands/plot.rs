@@ -40,7 +40,7 @@ pub struct Args {
     #[arg(long, value_name = "N", conflicts_with = "station")]
     scan: Option<u32>,
     /// The section nearest to this station of the first log, in metres
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, value_name = "METRES", value_parser = super::number(-1e9, 1e9))]
     station: Option<f64>,
     /// Scalable, in pixels, or both
     #[arg(long, value_enum, default_value_t = Format::Svg)]

@@ -17,7 +17,7 @@ use crossfall::table::{self, Format, Table};
 use crossfall::{fuse, interrupt};
 
 use super::progress::Progress;
-use super::{Outcome, distinct, drives, say, say_json, tell};
+use super::{Outcome, distinct, drives, has_read_enough, say, say_json, tell, usage};
 
 /// Write the table of profiles (CSV, Parquet, GeoJSON), of one drive or of many
 #[derive(clap::Args)]
@@ -41,13 +41,13 @@ pub struct Args {
     #[arg(long, value_name = "LENGTH")]
     every: Option<Every>,
     /// Name of the road in a data set; without it the name of each log's folder
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["fuse", "summary"])]
     road: Option<String>,
     /// Join two drives of one road: each left slope from the drive that measures it better, by stretches (10m without --every)
     #[arg(long)]
     fuse: bool,
     /// Print a summary for each mile instead of the table
-    #[arg(long, conflicts_with_all = ["output", "every"])]
+    #[arg(long, conflicts_with_all = ["output", "every", "fuse"])]
     summary: bool,
     /// With --summary: for machines
     #[arg(long, requires = "summary")]
@@ -58,25 +58,33 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let folder = args.output.is_dir() || args.output.as_os_str().to_string_lossy().ends_with('/');
     match &*drives::of(&args.logs) {
         [up, down] if args.fuse => fused(args, up, down),
-        _ if args.fuse => anyhow::bail!("--fuse takes two logs"),
+        _ if args.fuse => Err(usage("profiles", "--fuse takes two logs")),
+        _ if args.road.is_some() && !folder => Err(usage(
+            "profiles",
+            "--road names the road of a data set: the output must be a folder, whose name ends in /",
+        )),
         logs if folder => many(args, logs),
         [log] if args.summary => summary(log, args.json),
         [log] => one(args, log),
-        _ if args.summary => anyhow::bail!("--summary takes one log"),
-        _ => anyhow::bail!("{}: several logs need a folder to go to; end its name in /", args.output.display()),
+        _ if args.summary => Err(usage("profiles", "--summary takes one log")),
+        _ => Err(usage("profiles", "several logs need a folder to go to, whose name ends in /")),
     }
 }
 
 fn one(args: &Args, log: &Path) -> anyhow::Result<Outcome> {
     let written = if args.output == Path::new("-") {
         let rows = Rows::open(log)?;
-        dataset::stream(rows, args.every, Format::Csv, io::stdout(), |_| ()).map_err(plain)?.1
+        match dataset::stream(rows, args.every, Format::Csv, io::stdout(), |_| ()) {
+            Ok((_, written)) => written,
+            Err(Stopped::Table(error)) => return ended(error.into_io()),
+            Err(interrupted @ Stopped::Interrupted) => return Err(interrupted.into()),
+        }
     } else {
         let format = Format::of(&args.output);
         let format = format.with_context(|| {
             format!("{}: expected a name that ends in .csv, .parquet or .geojson", args.output.display())
         })?;
-        distinct(&[log], &args.output)?;
+        distinct(&[log], &[&args.output])?;
         let progress = Progress::new("profiles", drives::size(log));
         let written = dataset::write(log, args.every, format, &args.output, |at| progress.at(at))?;
         drop(progress);
@@ -91,7 +99,7 @@ fn fused(args: &Args, first: &Path, second: &Path) -> anyhow::Result<Outcome> {
     let format = format.with_context(|| {
         format!("{}: expected a name that ends in .csv, .parquet or .geojson", args.output.display())
     })?;
-    distinct(&[first, second], &args.output)?;
+    distinct(&[first, second], &[&args.output])?;
     let read = |log: &Path| {
         let progress = Progress::new("read", drives::size(log));
         Drive::read(log, |at| progress.at(at))
@@ -101,7 +109,9 @@ fn fused(args: &Args, first: &Path, second: &Path) -> anyhow::Result<Outcome> {
     let stretches = stretches
         .with_context(|| format!("{} was never within 30 m of {}'s way", second.display(), first.display()))?;
     if args.output == Path::new("-") {
-        write_all(&stretches, Format::Csv, io::stdout())?;
+        if let Err(error) = write_all(&stretches, Format::Csv, io::stdout()) {
+            return ended(error);
+        }
     } else {
         let output = write_all(&stretches, format, Output::create(&args.output)?)?;
         output.commit()?;
@@ -170,12 +180,9 @@ fn losses(log: &Path, written: &Written) -> bool {
     written.damage > 0
 }
 
-/// The error within the table writer's: a closed pipe must be known as one.
-fn plain(error: Stopped) -> anyhow::Error {
-    match error {
-        Stopped::Table(error) => error.into_io().into(),
-        Stopped::Interrupted => error.into(),
-    }
+/// How a table on stdout that ended early has ended: well, if its reader has read enough.
+fn ended(error: io::Error) -> anyhow::Result<Outcome> {
+    if has_read_enough(&error) { Ok(Outcome::Done) } else { Err(error.into()) }
 }
 
 fn summary(log: &Path, json: bool) -> anyhow::Result<Outcome> {

@@ -108,13 +108,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if recorded.bytes_lost > 0 {
         tell!("lost: {} bytes, because the log could not be written fast enough", recorded.bytes_lost);
     }
-    if recorded.restarts > 0 {
-        tell!("restarts of the board: {}; what it had not sent before is not known", recorded.restarts);
+    let restarts = recorded.totals.restarts();
+    if restarts > 0 {
+        tell!("restarts of the board: {restarts}; what it had not sent before is not known");
     }
     if recorded.disconnected {
         tell!("not connected at the end: what the board has sent since is not known");
     }
-    for (name, count) in crossfall::info::losses(&recorded.status) {
+    for (name, count) in recorded.totals.losses() {
         tell!("lost on the board since it booted: {name} = {count}");
     }
     Ok(Outcome::lost_if(recorded.lost() || full.is_some()))

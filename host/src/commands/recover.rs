@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use crossfall::recover::{Loss, Report, recover};
 
 use super::progress::Progress;
-use super::{Outcome, distinct, drives, say, say_json, tell};
+use super::{Outcome, distinct, drives, paths, say, say_json, tell, tell_growing};
 
 /// Rebuild a damaged log and tell exactly what is lost
 #[derive(clap::Args)]
@@ -35,11 +35,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         [log] => drives::files(log),
         given => (given.to_vec(), false),
     };
-    let inputs: Vec<_> = logs.iter().map(PathBuf::as_path).collect();
-    distinct(&inputs, &args.output)?;
-    for log in inputs.iter().filter(|log| crossfall::log::is_being_written(log)) {
-        tell!("{}: is being recorded: what is recovered ends with its last closed chunk", log.display());
-    }
+    distinct(&paths(&logs), &[&args.output])?;
+    tell_growing(&logs, "recovered");
     let sizes: Vec<u64> = logs.iter().map(|log| fs::metadata(log).map_or(0, |metadata| metadata.len())).collect();
     let progress = Progress::new("recover", sizes.iter().sum());
     let report = recover(&logs, &args.output, |file, offset| {

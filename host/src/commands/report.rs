@@ -35,8 +35,9 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    distinct(&[&args.log], &args.output)?;
-    let table = args.profiles.as_deref().map(|to| table(args, to)).transpose()?;
+    let outputs: Vec<&Path> = args.profiles.iter().map(PathBuf::as_path).chain([args.output.as_path()]).collect();
+    distinct(&[&args.log], &outputs)?;
+    let table = args.profiles.as_deref().map(|to| table(to)).transpose()?;
     drives::of(std::slice::from_ref(&args.log));
     let progress = Progress::new("report", drives::size(&args.log));
     let (drive, written) = match table {
@@ -70,10 +71,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 }
 
 /// Where the table of profiles goes, and its format by its name.
-fn table<'a>(args: &Args, to: &'a Path) -> anyhow::Result<(&'a Path, Format)> {
+fn table(to: &Path) -> anyhow::Result<(&Path, Format)> {
     let format = Format::of(to);
     let format =
         format.with_context(|| format!("{}: expected a name that ends in .csv, .parquet or .geojson", to.display()))?;
-    distinct(&[&args.log, &args.output], to)?;
     Ok((to, format))
 }

@@ -51,7 +51,7 @@ struct Slopes {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Shorten every drive to so many seconds, for a look at it
-    #[arg(long, value_name = "S", default_value_t = 60.0)]
+    #[arg(long, value_name = "S", default_value_t = 60.0, value_parser = super::number(10.0, 60.0))]
     seconds: f64,
     /// Print the table for machines
     #[arg(long)]
@@ -90,11 +90,6 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 }
 
 fn slopes(args: &Slopes) -> anyhow::Result<Outcome> {
-    anyhow::ensure!(
-        (10.0..=60.0).contains(&args.seconds),
-        "--seconds = {}, expected a number from 10 to 60",
-        args.seconds
-    );
     let began = Instant::now();
     let chosen: Vec<Experiment> = match args.only {
         Some(name) => vec![name.into()],

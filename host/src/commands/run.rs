@@ -11,7 +11,7 @@ use crossfall::log;
 use crossfall::scanner::Family;
 
 use super::progress::Progress;
-use super::{Outcome, distinct, tell};
+use super::{Outcome, distinct, paths, tell};
 
 /// Run the board's own code over a capture
 #[derive(clap::Args)]
@@ -36,7 +36,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let config = super::configuration(args.config.as_deref())?;
-    distinct(&[&args.capture], &args.output)?;
+    distinct(&paths([&args.capture].into_iter().chain(&args.config)), &[&args.output])?;
     let mut capture = Reader::open(&args.capture)?;
     capture.require(Channel::Lidar)?;
     let mut absent = false;

@@ -31,7 +31,7 @@ pub struct Args {
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
     listen: SocketAddr,
     /// The token, at least 16 letters and digits; a random one unless told
-    #[arg(long, value_name = "TOKEN")]
+    #[arg(long, value_name = "TOKEN", value_parser = token)]
     token: Option<String>,
     #[command(flatten)]
     into: IntoArgs,
@@ -58,9 +58,10 @@ impl IntoArgs {
 
 /// Where frames come from.
 #[derive(clap::Args)]
+#[command(group(clap::ArgGroup::new("source").args(["file", "device"]).required(true)))]
 pub struct SourceArgs {
     /// A log or a capture to replay
-    #[arg(value_name = "FILE", required_unless_present = "device", conflicts_with = "device")]
+    #[arg(value_name = "FILE")]
     file: Option<PathBuf>,
     /// The board: serial:PATH, serial:PATH@BAUD (1,000,000 unless told), tcp:HOST:PORT or
     /// emulated (the board's image in QEMU, on a simulated drive)
@@ -98,11 +99,12 @@ fn speed(text: &str) -> Result<f64, String> {
     }
 }
 
+fn token(text: &str) -> Result<String, String> {
+    if is_token(text) { Ok(text.to_owned()) } else { Err("expected at least 16 letters and digits".to_owned()) }
+}
+
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let logs = args.into.logs()?;
-    if let Some(token) = &args.token {
-        anyhow::ensure!(is_token(token), "a token has at least 16 letters and digits");
-    }
     let token = match (&args.token, args.listen.ip().is_loopback()) {
         (Some(token), _) => Some(token.clone()),
         (None, true) => None,

@@ -11,7 +11,7 @@ use crossfall::output::Output;
 use crossfall::simulate::{self, scene::Scene, truth};
 
 use super::progress::Progress;
-use super::{Outcome, distinct, tell, terrain_scene};
+use super::{Outcome, distinct, paths, tell, terrain_scene};
 
 /// Simulate a drive: sensor bytes with known truth
 #[derive(clap::Args)]
@@ -29,7 +29,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
     /// Seconds of scanning, instead of the scene's
-    #[arg(long)]
+    #[arg(long, value_parser = super::number(0.1, 86_400.0))]
     seconds: Option<f64>,
     /// Seed of everything random, instead of the scene's
     #[arg(long)]
@@ -64,8 +64,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         return terrain_scene::run(args.scene.as_deref(), args.seconds, args.seed, output);
     }
     let scene = scene(args.scene.as_ref(), args.seconds, args.seed)?;
-    let inputs: Vec<_> = args.scene.iter().map(PathBuf::as_path).collect();
-    distinct(&inputs, output)?;
+    distinct(&paths(&args.scene), &paths([output].into_iter().chain(&args.truth)))?;
     let mut capture = Writer::create(output)?;
     let mut table = args.truth.as_deref().map(Output::create).transpose()?;
     let progress = Progress::new("simulate", simulate::scans(&scene) as u64);

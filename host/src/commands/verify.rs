@@ -8,7 +8,7 @@ use std::fs;
 use std::path::PathBuf;
 
 use super::progress::Progress;
-use super::{Outcome, drives, say, say_json, tell};
+use super::{Outcome, drives, say, say_json, tell, tell_growing};
 
 /// Prove that a log is whole and its profiles are right
 #[derive(clap::Args)]
@@ -32,6 +32,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         given => given.to_vec(),
     };
     let Some((first, others)) = logs.split_first() else { anyhow::bail!("no log to verify") };
+    tell_growing(&logs, "verified");
     let sizes: Vec<u64> = logs.iter().map(|log| fs::metadata(log).map_or(0, |metadata| metadata.len())).collect();
     let progress = Progress::new("verify", sizes.iter().sum());
     let report = crossfall::verify::verify_all(first, others, |file, offset| {

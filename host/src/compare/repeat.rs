@@ -120,10 +120,10 @@ pub fn repeat(drives: &[Drive], options: &Options) -> Option<Repeat> {
     let positioned = |drive: &Drive| drive.rows.iter().any(|row| row.position.geodetic.is_some());
     let way = way.filter(|_| others.iter().all(positioned));
     if way.is_none() {
-        remarks.push(
-            "not every log has positions: drives are matched by the way travelled since each began, and must have begun at one place"
-                .to_owned(),
-        );
+        let why = if drives.iter().all(positioned) { "the first drive stood" } else { "not every log has positions" };
+        remarks.push(format!(
+            "{why}: drives are matched by the way travelled since each began, and must have begun at one place"
+        ));
     }
     let first = place(&reference.rows, way.as_ref(), options);
     note(&reference.name, &first, &mut remarks);

@@ -227,7 +227,8 @@ impl Live {
                     let words = "the test can tell neither offset nor delay: the old ones stay";
                     return Err(Refusal::Conflict(words.into()));
                 }
-                config.scanner = estimate.scanner(&config.scanner);
+                config.scanner =
+                    estimate.scanner(&config.scanner).map_err(|refusal| Refusal::Conflict(refusal.to_string()))?;
                 self.configure(config).await
             }
         }

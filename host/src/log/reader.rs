@@ -13,6 +13,7 @@ use std::path::Path;
 use mcap::records::{Record, op};
 
 use super::{Error, Frame, TOPIC, WIRE_ID, salvage};
+use crate::capture::Channel;
 use crate::container::{Container, Entry, Message};
 use crate::interrupt;
 
@@ -33,6 +34,8 @@ pub struct Reader {
     ready: VecDeque<Result<Message, Error>>,
     /// Whether channels of another name are declared: then the file is no log, and no damaged one either.
     foreign: bool,
+    /// Whether one of them is a capture's.
+    capture: bool,
     /// What has no structure and is searched for frames.
     stretch: Option<Stretch>,
     /// Receive time of the latest frame.
@@ -82,6 +85,7 @@ impl Reader {
             wire: None,
             ready: VecDeque::new(),
             foreign: false,
+            capture: false,
             stretch: None,
             latest_ns: 0,
             unread: 0,
@@ -94,8 +98,10 @@ impl Reader {
         while reader.ready.is_empty() && !reader.done {
             reader.advance();
         }
-        if reader.wire.is_none() && reader.ready.is_empty() {
-            let what = format!("not a log: it has no channel `{TOPIC}`");
+        // What damage there is in a file of another kind does not make it a log.
+        if reader.wire.is_none() && (reader.capture || reader.ready.is_empty()) {
+            let kind = if reader.capture { "; it is a capture, which `crossfall run` makes a log of" } else { "" };
+            let what = format!("not a log: it has no channel `{TOPIC}`{kind}");
             return Err(Error::Content { path: path.to_path_buf(), what });
         }
         Ok(reader)
@@ -248,6 +254,7 @@ impl Reader {
                 self.wire = Some(id);
             } else {
                 self.foreign = true;
+                self.capture |= Channel::from_topic(&topic).is_some();
             }
         }
     }

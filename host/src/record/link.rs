@@ -53,12 +53,12 @@ impl Link {
                         count(summary, frame.raw);
                         let gap = self.sequence.observe_message(frame.sequence, &frame.body);
                         if gap == Gap::Restarted {
-                            summary.restarts += 1;
+                            summary.totals.restart();
                             let why = match &frame.body {
                                 Message::Hello(hello) => hello.restart.to_owned(),
                                 _ => "its numbers begin again".to_owned(),
                             };
-                            let number = (summary.restarts + 1).to_string();
+                            let number = (summary.totals.restarts() + 1).to_string();
                             let entries = [("number".to_owned(), number), ("why".to_owned(), why.clone())].into();
                             log.metadata(log::metadata::SEGMENT, entries)?;
                             notice(Notice::Restarted { why });
@@ -66,7 +66,7 @@ impl Link {
                         describe(&frame.body, &mut self.identity, &mut self.config, log, notice)?;
                         match frame.body {
                             Message::Profile(_) => summary.profiles += 1,
-                            Message::Status(status) => summary.status = status,
+                            Message::Status(status) => summary.totals.status(&status),
                             _ => {}
                         }
                         log.frame(receive_ns, frame.raw, Some(&frame.body))?;

@@ -136,7 +136,9 @@ pub fn health(drive: &Drive) -> String {
         count(health.damage + health.unmatched),
         health.damage + health.unmatched == 0,
     );
-    for (name, lost) in crate::info::losses(&health.status) {
+    let restarts = health.totals.restarts();
+    row("restarts of the board", count(restarts), restarts == 0);
+    for (name, lost) in health.totals.losses() {
         row(&format!("counted by the board: {name}"), count(lost), false);
     }
     let share = |part: u64| format!("{:.1} %", 100.0 * part as f64 / health.poses.max(1) as f64);

@@ -128,7 +128,7 @@ fn pictures(drive: &Drive, found: &Estimate, samples: &[Sample], report: &mut Re
         "Rock test: roll by the inertial unit and slope of the ground by the scanner, and the residual before and after the correction",
         |theme| plot::courses(&courses, theme),
     )?);
-    let layers = calibrate::layers(drive, found, 60);
+    let layers = calibrate::layers(drive, found, 60)?;
     let note = "60 scans spread over the test, 3.5 mm range noise, seen from behind";
     report.pictures.push(Picture::new(
         "validation-ground",

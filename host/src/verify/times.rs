@@ -1,7 +1,7 @@
 //! Time must go forward, each kind of it by itself, and the device clock must run at a believable rate.
 
 use crossfall_core::protocol::DeviceTime;
-use crossfall_core::protocol::message::Message;
+use crossfall_core::protocol::message::{Message, Pose};
 
 /// A crystal is good to 100 ppm over temperature; beyond this it is no crystal, or no second.
 const MAX_DRIFT_PPM: f64 = 500.0;
@@ -21,21 +21,56 @@ enum Kind {
 pub struct Times {
     receive_ns: u64,
     latest: [Option<DeviceTime>; 5],
-    span: Option<(DeviceTime, DeviceTime)>,
+    span: Span,
+}
+
+/// Device time from the first to the last scan or pose, over all boots.
+#[derive(Debug, Default)]
+pub struct Span {
+    /// Of the boot under way.
+    now: Option<(DeviceTime, DeviceTime)>,
     earlier_us: u64,
+}
+
+impl Span {
+    /// The board has booted: its time begins again.
+    pub fn restart(&mut self) {
+        self.earlier_us += self.now.take().map_or(0, |(first, last)| last.0 - first.0);
+    }
+
+    /// Takes a scan or a pose in; other messages have no part in it.
+    pub fn see(&mut self, message: &Message<'_>) {
+        let time = match message {
+            Message::Scan(scan) => scan.stx,
+            Message::Pose(pose) => arrival(pose),
+            _ => return,
+        };
+        let (first, last) = self.now.unwrap_or((time, time));
+        self.now = Some((first.min(time), last.max(time)));
+    }
+
+    /// So many seconds.
+    pub fn seconds(&self) -> f64 {
+        let now = self.now.map_or(0, |(first, last)| last.0 - first.0);
+        (self.earlier_us + now) as f64 * 1e-6
+    }
+}
+
+/// When a pose arrived: poses of two logs may be valid at one instant, and the mapping may move by its own correction.
+fn arrival(pose: &Pose) -> DeviceTime {
+    pose.time.offset(pose.latency_us.into())
 }
 
 impl Times {
     /// The board has booted: its time begins again.
     pub fn restart(&mut self) {
         self.latest = [None; 5];
-        self.earlier_us += self.span.take().map_or(0, |(first, last)| last.0 - first.0);
+        self.span.restart();
     }
 
     /// Seconds of device time over all boots.
     pub fn seconds(&self) -> f64 {
-        let now = self.span.map_or(0, |(first, last)| last.0 - first.0);
-        (self.earlier_us + now) as f64 * 1e-6
+        self.span.seconds()
     }
 
     /// Checks one message and its receive time.
@@ -45,10 +80,10 @@ impl Times {
             problems.push(format!("receive time goes back by {back_ms:.3} ms"));
         }
         self.receive_ns = receive_ns;
+        self.span.see(message);
         match message {
             Message::Scan(scan) => self.advance(Kind::Scan, "scan", scan.stx, problems),
-            // Poses of two logs may be valid at one instant, and the mapping may move by its own correction.
-            Message::Pose(pose) => self.advance(Kind::Pose, "pose", pose.time.offset(pose.latency_us.into()), problems),
+            Message::Pose(pose) => self.advance(Kind::Pose, "pose", arrival(pose), problems),
             Message::Pulse(pulse) => self.advance(Kind::Pulse, "pulse", pulse.time, problems),
             Message::Status(status) => self.advance(Kind::Status, "status", status.time, problems),
             Message::Profile(profile) => self.advance(Kind::Profile, "profile", profile.time, problems),
@@ -71,9 +106,5 @@ impl Times {
             problems.push(format!("time goes back by {back_ms:.3} ms from one {name} to the next"));
         }
         *latest = Some(time);
-        if matches!(kind, Kind::Scan | Kind::Pose) {
-            let (first, last) = self.span.unwrap_or((time, time));
-            self.span = Some((first.min(time), last.max(time)));
-        }
     }
 }
