@@ -176,6 +176,17 @@ fn a_lost_introduction_is_asked_for() {
 }
 
 #[test]
+fn a_stream_that_nobody_listens_behind_is_given_up() {
+    let mut bench = Bench::new(Some(tilted(0.8)));
+    for _ in 0..60 {
+        bench.wait(ANSWER);
+    }
+    let why = Unconfigured::NoAnswer { tries: 3 };
+    assert_eq!(bench.told(), [Notice::Unconfigured { why, echoed: None }]);
+    assert_eq!(bench.said().len(), 2, "the first question is the connection's own");
+}
+
+#[test]
 fn refusals_and_other_schemas_are_told_at_once() {
     let mut bench = Bench::new(Some(tilted(0.8)));
     for (number, outcome, why) in
