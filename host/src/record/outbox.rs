@@ -22,6 +22,9 @@ const WAITING: usize = 64;
 /// Configurations that may be without an answer; the oldest are forgotten.
 const UNANSWERED: usize = 16;
 
+/// A frame and its number.
+type Numbered = (u16, Vec<u8>);
+
 /// Commands on their way to the board. Clones share one queue and one count.
 #[derive(Clone, Debug, Default)]
 pub struct Outbox(Arc<Mutex<Waiting>>);
@@ -30,7 +33,7 @@ pub struct Outbox(Arc<Mutex<Waiting>>);
 struct Waiting {
     /// The last command's.
     number: u16,
-    frames: VecDeque<(u16, Vec<u8>)>,
+    frames: VecDeque<Numbered>,
     /// Without an answer so far, by the number of their frames.
     configurations: BTreeMap<u16, Config>,
 }
@@ -46,7 +49,7 @@ impl Outbox {
         self.put(command, VecDeque::push_front)
     }
 
-    fn put(&self, command: &Command, place: fn(&mut VecDeque<(u16, Vec<u8>)>, (u16, Vec<u8>))) -> Option<u16> {
+    fn put(&self, command: &Command, place: fn(&mut VecDeque<Numbered>, Numbered)) -> Option<u16> {
         let mut waiting = self.lock();
         // Number 0 is that of the reader's own question.
         let number = waiting.number.checked_add(1).unwrap_or(1);
