@@ -21,7 +21,7 @@ pub fn draw(frame: &mut Frame<'_>, state: &State, section: Option<&Section>) {
         Constraint::Length(1),
         Constraint::Length(5),
         Constraint::Min(6),
-        Constraint::Length(4),
+        Constraint::Length(5),
         Constraint::Length(2),
         Constraint::Length(1),
     ])
@@ -161,6 +161,9 @@ fn draw_figures(frame: &mut Frame<'_>, state: &State, section: Option<&Section>,
     }
     let motion = &state.motion;
     let or_dash = |value: Option<f64>, digits: usize| value.map_or("-".to_owned(), |value| format!("{value:.digits$}"));
+    if let Some(configuration) = &state.configuration {
+        lines.push(Line::from(format!("With   {configuration}")).dim());
+    }
     lines.push(Line::from(format!(
         "Speed  {} km/h   sections a mile {}   station {} km   markers {}",
         or_dash(motion.speed_m_s.map(|speed| speed * 3.6), 1),

@@ -5,22 +5,27 @@
 //! stream into frames and logs them as received, the broken ones too; a run of bytes longer than any frame is logged in pieces of the longest
 //! frame. Left out are only delimiters with nothing before them, and the frame under way when the recording ends.
 //!
+//! What is said to the board goes through an [`Outbox`](outbox) to the first of them; what configuration it is to have, a [`Keeper`](keeper)
+//! in the second sees to. A device that takes no commands is recorded as it comes.
+//!
 //! A lost connection is tried again for ever, and the recording goes on in the same log. What the board sent meanwhile shows as a gap in the
 //! sequence numbers. The receive time is that of the read that brought a frame's last byte: the system's clock at the start plus monotonic
 //! time since, so a clock that is set during the drive does not move it (a host that sleeps is not counted).
 
 mod buffer;
 mod device;
+mod keeper;
 mod link;
+mod notice;
+mod outbox;
 mod reader;
 pub mod space;
 mod tape;
 
-use std::fmt;
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use crossfall_core::protocol::schema;
+use crossfall_core::protocol::Config;
 
 use crate::output;
 use crate::totals::Totals;
@@ -28,8 +33,13 @@ pub use buffer::CAPACITY;
 use buffer::{Buffer, Event, Taken};
 pub(crate) use device::connect;
 pub use device::{BAUD, Device, Port};
+use keeper::Keeper;
 use link::Link;
-pub use tape::{Outbox, Tape};
+pub(crate) use notice::gist;
+pub use notice::{Notice, Unconfigured};
+pub(crate) use outbox::ANSWER;
+pub use outbox::Outbox;
+pub use tape::Tape;
 
 /// How long the recording waits for an event before it looks at everything else.
 const POLL: Duration = Duration::from_millis(50);
@@ -49,63 +59,6 @@ pub enum Error {
     /// The thread that reads cannot be started.
     #[error("cannot start a thread: {0}")]
     Reader(std::io::Error),
-}
-
-/// What the user should be told while the recording goes on.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Notice {
-    /// A board said who it is, and it is not who it was.
-    Board {
-        /// Name and version of its firmware.
-        firmware: String,
-        /// Its name.
-        board: String,
-        /// The hash of the messages it speaks.
-        schema: u64,
-    },
-    /// The board has booted again.
-    Restarted {
-        /// Its own words, empty after power-on.
-        why: String,
-    },
-    /// The connection is gone; it is tried again until it is back.
-    Gone {
-        /// What the operating system said.
-        why: String,
-    },
-    /// Bytes come again.
-    Back,
-    /// Connected, and nothing comes.
-    Silent,
-    /// Bytes found no room because the log could not be written fast enough.
-    Overflow {
-        /// How many.
-        bytes: u64,
-    },
-}
-
-impl fmt::Display for Notice {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Board { firmware, board, schema } => {
-                write!(f, "recording {firmware} on {board}")?;
-                if *schema == schema::HASH {
-                    return Ok(());
-                }
-                let ours = schema::HASH;
-                write!(
-                    f,
-                    "; it speaks message schema {schema:016x}, this program knows {ours:016x}: logged all the same"
-                )
-            }
-            Self::Restarted { why } if why.is_empty() => f.write_str("the board has restarted"),
-            Self::Restarted { why } => write!(f, "the board has restarted: {why}"),
-            Self::Gone { why } => write!(f, "connection lost ({why}), trying again"),
-            Self::Back => f.write_str("connected again"),
-            Self::Silent => write!(f, "nothing comes from the board for {} s", SILENCE.as_secs()),
-            Self::Overflow { bytes } => write!(f, "the log is too slow: {bytes} bytes lost"),
-        }
-    }
 }
 
 /// What a recording has come to.
@@ -131,6 +84,8 @@ pub struct Summary {
     pub disconnected: bool,
     /// The board's counters, over all its boots within the recording.
     pub totals: Totals,
+    /// Whether a configuration was to be in force and is not, or is not known to be.
+    pub unconfigured: bool,
     /// Bytes on the disk, in all files of the log.
     pub log_bytes: u64,
     /// Files of the log.
@@ -159,10 +114,11 @@ pub fn record(
     notice: impl FnMut(Notice),
     goes_on: impl FnMut(&Summary) -> bool,
 ) -> Result<Summary, Error> {
-    converse(device, port, log, &Outbox::default(), notice, goes_on)
+    converse(device, port, log, &Outbox::default(), None, notice, goes_on)
 }
 
-/// [`record`] that also says to the board what is put into `outbox`.
+/// [`record`] that also says to the board what is put into `outbox`, and keeps `config` in force, or what another configuration
+/// from `outbox` has put in force since: a board that restarts forgets it, and is told again before anything else.
 ///
 /// # Errors
 /// As of [`record`].
@@ -171,6 +127,7 @@ pub fn converse(
     port: Box<dyn Port>,
     log: &mut impl Tape,
     outbox: &Outbox,
+    config: Option<Config>,
     mut notice: impl FnMut(Notice),
     mut goes_on: impl FnMut(&Summary) -> bool,
 ) -> Result<Summary, Error> {
@@ -179,7 +136,7 @@ pub fn converse(
     reader::spawn(device.clone(), port, outbox.clone(), clock, Arc::clone(&buffer)).map_err(Error::Reader)?;
     // However this function is left, the reader ends with it.
     let _stop = StopOnDrop(&buffer);
-    let mut link = Link::new();
+    let mut link = Link::new(Keeper::new(outbox.clone(), config, Instant::now()));
     let mut summary = Summary::default();
     let mut heard = Instant::now();
     let mut told_silent = false;
@@ -199,13 +156,19 @@ pub fn converse(
             }
             Taken::Event(Event::Gone { why }) => {
                 link.cut(log, &mut summary)?;
+                link.keeper.disconnected();
                 summary.disconnected = true;
                 notice(Notice::Gone { why });
             }
             Taken::Event(Event::Back) => {
+                link.keeper.connected(Instant::now());
                 summary.disconnected = false;
                 summary.reconnects += 1;
                 notice(Notice::Back);
+            }
+            Taken::Event(Event::Mute { why }) => {
+                notice(Notice::Mute { why });
+                link.keeper.mute(&mut notice);
             }
             Taken::Nothing if stopped.is_some_and(|stopped| stopped.elapsed() > LAST_READ) => break,
             Taken::Nothing => log.settle(clock.now_ns())?,
@@ -215,6 +178,8 @@ pub fn converse(
             told_silent = true;
             notice(Notice::Silent);
         }
+        link.keeper.due(Instant::now(), &mut notice);
+        summary.unconfigured = link.keeper.astray();
         summary.seconds = clock.started.elapsed().as_secs_f64();
         (summary.log_bytes, summary.parts) = log.extent();
         if stopped.is_none() && !goes_on(&summary) {

@@ -19,7 +19,7 @@ const PICTURE: Duration = Duration::from_millis(100);
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
-  crossfall monitor --device serial:/dev/ttyUSB0
+  crossfall monitor --device serial:/dev/ttyUSB0 --config my.toml
   crossfall monitor drive.log.mcap --speed 10
 
 Keys: r records or stops, m drops a marker, space halts a replay, q ends.")]

@@ -2,6 +2,8 @@
 //!
 //! Every frame is logged as it is received, with the time of its receipt. A board that is unplugged or restarts is waited for, and the
 //! recording goes on in the same log. Connecting does not restart the survey; the board is only asked who it is and how it is configured.
+//! With `--config` it is told what to measure with, and told again whenever it restarts, since it comes up with the defaults; that is in
+//! the log as the board's echo, from which on it holds. Without, a board that comes back otherwise configured is told.
 //! Ctrl-C, SIGTERM and a terminal that is closed end the recording with a whole log; a power cut costs at most its last second. A file that grows too
 //! large or too long is followed by another (`drive.log.part0002.mcap`). When the disk runs out of room, that is told long before, and
 //! the recording ends, with a whole log, while there is some left.
@@ -12,7 +14,7 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use crossfall::log;
 use crossfall::record::space::{Space, Watch};
-use crossfall::record::{self, Device, Summary};
+use crossfall::record::{self, Device, Outbox, Summary};
 
 use super::log_args::LogArgs;
 use super::progress::Progress;
@@ -26,6 +28,7 @@ const STATUS: Duration = Duration::from_millis(200);
 #[command(after_help = "\
 Examples:
   crossfall record --device serial:/dev/ttyUSB0 -o drive.log.mcap
+  crossfall record --device serial:/dev/ttyUSB0 --config my.toml -o drive.log.mcap
   crossfall record --device tcp:192.168.0.7:4000 -o drive.log.mcap
 
 Ctrl-C ends the recording; a lost connection does not.")]
@@ -37,6 +40,10 @@ pub struct Args {
     /// The log to write; it must not exist
     #[arg(short, long, value_name = "LOG")]
     output: PathBuf,
+    /// A configuration (TOML, see `crossfall config` and `calibrate`): put in force on the board, again
+    /// whenever it restarts
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
     /// Stop after so many seconds
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     seconds: Option<u64>,
@@ -46,6 +53,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let output = args.output.display();
+    let config = args.config.as_deref().map(crossfall::config::read).transpose()?;
     // Before the board is disturbed; `create_live` makes sure of it.
     anyhow::ensure!(!args.output.exists(), "{output}: exists, and a recording is never written over");
     let port = args.device.connect().with_context(|| format!("{}: cannot connect", args.device))?;
@@ -54,10 +62,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut full = None;
     let progress = Progress::spinner();
     let mut shown = Instant::now();
-    let recorded = record::record(
+    let recorded = record::converse(
         &args.device,
         port,
         &mut log,
+        &Outbox::default(),
+        config,
         |notice| progress.aside(|| tell!("{}: {notice}", args.device)),
         |summary| {
             if shown.elapsed() >= STATUS {
@@ -115,10 +125,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if recorded.disconnected {
         tell!("not connected at the end: what the board has sent since is not known");
     }
+    if let (true, Some(config)) = (recorded.unconfigured, &args.config) {
+        tell!("the configuration of {} is not in force at the end, or not known to be", config.display());
+    }
     for (name, count) in recorded.totals.losses() {
         tell!("lost on the board since it booted: {name} = {count}");
     }
-    Ok(Outcome::lost_if(recorded.lost() || full.is_some()))
+    Ok(Outcome::lost_if(recorded.lost() || recorded.unconfigured || full.is_some()))
 }
 
 /// A recording in one line.

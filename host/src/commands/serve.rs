@@ -20,7 +20,7 @@ use super::{Outcome, drives, tell};
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
-  crossfall serve --device serial:/dev/ttyUSB0 --into drives
+  crossfall serve --device serial:/dev/ttyUSB0 --config my.toml --into drives
   crossfall serve drive.mcap --speed 5
   crossfall serve --device emulated
   crossfall serve --device tcp:192.168.0.7:4000 --listen 0.0.0.0:8080")]
@@ -70,14 +70,17 @@ pub struct SourceArgs {
     /// Speed of a replay, times real time
     #[arg(long, value_name = "X", default_value = "1", value_parser = speed)]
     speed: f64,
-    /// A configuration for a replay (TOML, see `crossfall config`)
-    #[arg(long, value_name = "FILE", conflicts_with = "device")]
+    /// A configuration (TOML, see `crossfall config`): put in force on the board, again whenever it
+    /// restarts; a replay is measured with it
+    #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
 }
 
 impl SourceArgs {
     /// Begins to look.
     pub fn start(&self, logs: Logs) -> anyhow::Result<Live> {
+        // Before the board is disturbed.
+        let config = self.config.as_deref().map(crossfall::config::read).transpose()?;
         let source = match (&self.device, &self.file) {
             (Some(device), _) => Source::Device(device.clone()),
             (None, Some(file)) => {
@@ -86,7 +89,6 @@ impl SourceArgs {
             }
             (None, None) => anyhow::bail!("neither a file nor a device"),
         };
-        let config = self.config.as_deref().map(crossfall::config::read).transpose()?;
         Ok(Live::start(&source, logs, self.speed, config)?)
     }
 }

@@ -6,7 +6,6 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use crossfall_core::protocol::Config;
-use crossfall_core::protocol::frame::MAX_COMMAND_FRAME;
 use crossfall_core::protocol::message::{Command, Label, Outcome, Reply, Sensor};
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -16,10 +15,7 @@ use super::Live;
 use super::player::MAX_SPEED;
 use super::session::{Order, RockOrder};
 use crate::config;
-use crate::record::Outbox;
-
-/// How long a board may take to answer: the round trip and a survey that is behind.
-const ANSWER: Duration = Duration::from_secs(2);
+use crate::record::{ANSWER, Outbox};
 
 /// Commands that may wait for their answers.
 const WAITING: usize = 32;
@@ -28,13 +24,8 @@ const WAITING: usize = 32;
 #[derive(Debug, Default)]
 pub struct Commands {
     outbox: Outbox,
-    state: Mutex<Waiting>,
-}
-
-#[derive(Debug, Default)]
-struct Waiting {
-    sequence: u16,
-    asked: BTreeMap<u16, oneshot::Sender<Outcome>>,
+    /// Who waits for an answer, by the number of the command.
+    asked: Mutex<BTreeMap<u16, oneshot::Sender<Outcome>>>,
 }
 
 impl Commands {
@@ -45,33 +36,27 @@ impl Commands {
 
     /// Says something to the board.
     pub fn send(&self, command: &Command) {
-        let _unheard = self.ask(command);
+        let _unheard = self.outbox.say(command);
     }
 
     /// Says something to the board; the answer comes through the channel, if one comes.
     pub fn ask(&self, command: &Command) -> oneshot::Receiver<Outcome> {
         let (answer, answered) = oneshot::channel();
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        // Number 0 is that of the reader's own question.
-        state.sequence = state.sequence.checked_add(1).unwrap_or(1);
-        let sequence = state.sequence;
-        let mut frame = vec![0; MAX_COMMAND_FRAME + 1];
-        // A leading delimiter ends whatever the board has of a frame that was broken off.
-        if let Ok(length) = command.encode(sequence, &mut frame[1..]) {
-            frame.truncate(length + 1);
-            self.outbox.put(frame);
-            if state.asked.len() == WAITING {
-                state.asked.pop_first();
+        // Held while it is said: the answer must find who waits for it.
+        let mut asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(number) = self.outbox.say(command) {
+            if asked.len() == WAITING {
+                asked.pop_first();
             }
-            state.asked.insert(sequence, answer);
+            asked.insert(number, answer);
         }
         answered
     }
 
     /// The board has answered.
     pub fn answered(&self, reply: Reply) {
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(asker) = state.asked.remove(&reply.to) {
+        let mut asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(asker) = asked.remove(&reply.to) {
             // Who no longer waits needs no answer.
             let _gone = asker.send(reply.outcome);
         }

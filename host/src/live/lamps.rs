@@ -87,6 +87,8 @@ pub struct Senses {
     pub scanner_status: u8,
     /// Whether there were losses on the scanner's line, the unit's line, the link in the last seconds.
     pub recent: [bool; 3],
+    /// Whether a configuration was to be in force and is not, or is not known to be.
+    pub unconfigured: bool,
     /// Bytes that may still be written; unknown on some systems.
     pub disk_free: Option<u64>,
     /// Why a log could not be written.
@@ -112,6 +114,10 @@ pub fn link(senses: &Senses) -> Lamp {
         Some(_) if senses.recent[2] => {
             let advice = "Check the cable between board and computer; avoid hubs and other loads on the port.";
             Lamp::new(Light::Warn, "frames lost just now", advice)
+        }
+        Some(_) if senses.unconfigured => {
+            let advice = "Slopes are off by the offset: put the right configuration in force under Setup.";
+            Lamp::new(Light::Warn, "the configuration is not in force", advice)
         }
         Some(_) => Lamp::good("frames come whole"),
     }

@@ -28,7 +28,7 @@ use super::tape::Shared;
 use super::view::{Section, Strip};
 use crate::calibrate::{self, Estimate, Refusal, Surface};
 use crate::profiles::degrees;
-use crate::record::Notice;
+use crate::record::{Notice, gist};
 use crate::track::Track;
 
 /// Sections are shown no more often: a little faster than the scanner's 37.5 a second.
@@ -384,7 +384,20 @@ impl Model {
             Notice::Overflow { .. } => {
                 self.faults.note(notice.to_string(), "Record to an internal disk and close other programs.");
             }
-            _ => {}
+            Notice::InForce { again: true, .. } => {
+                self.faults.note(
+                    notice.to_string(),
+                    "Slopes are right again; the log holds each configuration where it began.",
+                );
+            }
+            Notice::Unconfigured { .. } | Notice::Changed { .. } => {
+                self.faults.note(
+                    notice.to_string(),
+                    "Put the right configuration in force under Setup: every slope is off by the offset.",
+                );
+            }
+            Notice::Mute { .. } => self.faults.note(notice.to_string(), "Connect where commands can be sent."),
+            Notice::Board { .. } | Notice::InForce { .. } => {}
         }
     }
 
@@ -467,6 +480,7 @@ impl Model {
             surveying: self.senses.surveying || between,
             recent: self.losses_at.map(|at| age(at).is_some_and(|age| age < RECENT)),
             disk_error,
+            unconfigured: summary.unconfigured,
             ..self.senses.clone()
         };
         self.motion.scan_hz = self.senses.scan_hz;
@@ -491,6 +505,7 @@ impl Model {
             markers: self.markers.iter().cloned().collect(),
             marker_count: self.marker_count,
             config_number: self.config_number,
+            configuration: (self.config_number > 0).then(|| gist(&self.config)),
             rock_test: self.rock_state(),
             unviewed_frames: self.unheard.load(Ordering::Relaxed),
         };

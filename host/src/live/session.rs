@@ -101,16 +101,17 @@ pub enum Error {
 }
 
 impl Live {
-    /// Connects, or begins to play. A board that is not there yet is waited for. Of `logs` a folder is enough.
+    /// Connects, or begins to play. A board that is not there yet is waited for. `config` is kept in force on a board; a film is
+    /// surveyed with it. Of `logs` a folder is enough.
     ///
     /// # Errors
     /// When the file can be read as neither capture nor log, or a thread cannot be started.
     pub fn start(source: &Source, logs: impl Into<Logs>, speed: f64, config: Option<Config>) -> Result<Self, Error> {
         let logs = logs.into();
-        let (device, port, controls, kind, name) = match source {
+        let (device, port, controls, kind, name, kept) = match source {
             Source::Device(device) => {
                 let port = device.connect().unwrap_or_else(|error| Box::new(Absent(Some(error))));
-                (device.clone(), port, None, "device", device.to_string())
+                (device.clone(), port, None, "device", device.to_string(), config)
             }
             Source::File(path) => {
                 let film = Film::open(path, config)?;
@@ -119,7 +120,7 @@ impl Live {
                 // A film's end is no lost connection; one whose file fails is looked for at a port that nobody has.
                 let nowhere = Device::Tcp { address: "127.0.0.1:0".to_owned() };
                 let port: Box<dyn Port> = Box::new(player);
-                (nowhere, port, Some(controls), kind, path.display().to_string())
+                (nowhere, port, Some(controls), kind, path.display().to_string(), None)
             }
         };
         let source = SourceState { kind, name, folder: logs.folder.display().to_string() };
@@ -150,6 +151,7 @@ impl Live {
                     port,
                     &mut tape,
                     commands.outbox(),
+                    kept,
                     |notice| {
                         let _full = heard.try_send(Heard::Notice(notice));
                     },

@@ -40,6 +40,8 @@ pub struct State {
     pub marker_count: u64,
     /// Grows with every configuration that the board has put in force.
     pub config_number: u64,
+    /// The calibrated values of the one in force, in words.
+    pub configuration: Option<String>,
     /// The rock test under way, or its result.
     pub rock_test: Option<RockTest>,
     /// Frames that the viewers' model had no time for; the log has them.

@@ -20,14 +20,11 @@ use super::commands::Commands;
 use super::session::{Heard, Order};
 use super::state::{Phase, Recording};
 use crate::record::space::{RESERVE, Space, Watch};
-use crate::record::{Summary, Tape};
+use crate::record::{ANSWER, Summary, Tape};
 use crate::{log, output};
 
 /// How long after a session's end its last profiles come: a scan waits 213 ms at most.
 const LAST_PROFILES: Duration = Duration::from_millis(350);
-
-/// How long a board may take to answer.
-const ANSWER: Duration = Duration::from_secs(2);
 
 /// Longest name of a drive, in bytes.
 const LONGEST_NAME: usize = 80;

@@ -32,6 +32,11 @@ pub enum Event {
     },
     /// It is there again, and bytes follow.
     Back,
+    /// It takes no commands.
+    Mute {
+        /// Why.
+        why: String,
+    },
 }
 
 /// What the recording gets.
@@ -133,7 +138,7 @@ fn cost(event: &Event) -> usize {
     match event {
         Event::Bytes { bytes, .. } => bytes.len() + OVERHEAD,
         // At most one of these for each read, or for each connection: they need no bound of their own.
-        Event::Overflow { .. } | Event::Gone { .. } | Event::Back => 0,
+        Event::Overflow { .. } | Event::Gone { .. } | Event::Back | Event::Mute { .. } => 0,
     }
 }
 

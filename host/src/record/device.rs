@@ -7,9 +7,9 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
 
-use crossfall_core::protocol::frame::MAX_COMMAND_FRAME;
 use crossfall_core::protocol::message::Command;
 
+use super::outbox::framed;
 use crate::emulated::Bench;
 
 /// The board's baud rate on the link (docs/hardware.md).
@@ -108,17 +108,23 @@ impl Device {
             }
             Self::Emulated { image } => Box::new(Bench::start(image.as_deref())?),
         };
-        identify(&mut port)?;
-        Ok(port)
+        match port.write_all(&question()) {
+            Err(error) if !takes_none(&error) => Err(error),
+            // Who can only be listened to is recorded as it comes.
+            _ => Ok(port),
+        }
     }
 }
 
-/// Asks the board who it is.
-pub(super) fn identify(port: &mut dyn Port) -> io::Result<()> {
-    let mut frame = [0; MAX_COMMAND_FRAME];
-    // A leading delimiter ends whatever the board has of a frame that another program broke off.
-    let length = Command::Identify.encode(0, &mut frame[1..]).map_err(io::Error::other)?;
-    port.write_all(&frame[..=length])
+/// The question who the board is and how it is configured. Its answer carries number 0.
+pub(super) fn question() -> Vec<u8> {
+    // It has no fields: there is room for it in any frame.
+    framed(&Command::Identify, 0).unwrap_or_default()
+}
+
+/// Whether a failed write says that the device can be read all the same.
+pub(super) fn takes_none(error: &io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem | ErrorKind::Unsupported)
 }
 
 /// Connects to a TCP server, waiting for it at most [`CONNECT`].

@@ -1,12 +1,13 @@
 //! From the bytes of the link to the frames of the log.
 
 use std::collections::BTreeMap;
+use std::time::Instant;
 
 use crossfall_core::protocol::Config;
 use crossfall_core::protocol::frame::{Event, Gap, HostDecoder, MAX_MESSAGE_FRAME, Sequence};
 use crossfall_core::protocol::message::Message;
 
-use super::{Notice, Summary, Tape};
+use super::{Keeper, Notice, Summary, Tape};
 use crate::{log, output};
 
 /// The host's end of the link.
@@ -15,18 +16,21 @@ pub struct Link {
     sequence: Sequence,
     identity: BTreeMap<String, String>,
     config: Option<Config>,
+    /// Who sees to the board's configuration.
+    pub keeper: Keeper,
     /// Receive time of the last bytes.
     latest_ns: u64,
 }
 
 impl Link {
     /// One that has received nothing.
-    pub fn new() -> Self {
+    pub fn new(keeper: Keeper) -> Self {
         Self {
             decoder: HostDecoder::new(),
             sequence: Sequence::new(),
             identity: BTreeMap::new(),
             config: None,
+            keeper,
             latest_ns: 0,
         }
     }
@@ -64,6 +68,8 @@ impl Link {
                             notice(Notice::Restarted { why });
                         }
                         describe(&frame.body, &mut self.identity, &mut self.config, log, notice)?;
+                        // Before the tape, which may have something to say as well.
+                        self.keeper.hear(&frame.body, gap, Instant::now(), notice);
                         match frame.body {
                             Message::Profile(_) => summary.profiles += 1,
                             Message::Status(status) => summary.totals.status(&status),

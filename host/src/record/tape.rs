@@ -1,17 +1,12 @@
-//! Where a recording goes, and what is said to the board meanwhile.
+//! Where a recording goes.
 //!
-//! A log is a [`Tape`]; so is what the live page looks at, which starts and ends logs while the connection lasts. Commands go to the
-//! board through an [`Outbox`], written by the thread that owns the port between two of its reads: at most a read's time late.
+//! A log is a [`Tape`]; so is what the live page looks at, which starts and ends logs while the connection lasts.
 
-use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::collections::BTreeMap;
 
 use crossfall_core::protocol::message::Message;
 
 use crate::{log, output};
-
-/// Commands that may wait; the oldest are given up. None outlives the connection that it was meant for.
-const WAITING: usize = 64;
 
 /// Takes what comes from a board.
 pub trait Tape {
@@ -52,25 +47,5 @@ impl Tape for log::Writer {
 
     fn settle(&mut self, now_ns: u64) -> Result<(), output::Error> {
         Self::settle(self, now_ns)
-    }
-}
-
-/// Frames on their way to the board. Clones share one queue.
-#[derive(Clone, Debug, Default)]
-pub struct Outbox(Arc<Mutex<VecDeque<Vec<u8>>>>);
-
-impl Outbox {
-    /// Queues a frame.
-    pub fn put(&self, frame: Vec<u8>) {
-        let mut queue = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if queue.len() == WAITING {
-            queue.pop_front();
-        }
-        queue.push_back(frame);
-    }
-
-    /// The next frame to be written.
-    pub(super) fn take(&self) -> Option<Vec<u8>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).pop_front()
     }
 }

@@ -85,15 +85,15 @@ impl Bench {
     }
 
     pub fn on_capture_with(speed: f64, access: Access) -> Self {
-        Self::start(&Source::File(drives().capture.clone()), speed, access, None)
+        Self::start(&Source::File(drives().capture.clone()), speed, access, None, None)
     }
 
     pub fn on_log(speed: f64) -> Self {
-        Self::start(&Source::File(drives().log.clone()), speed, Access::ThisComputer, None)
+        Self::start(&Source::File(drives().log.clone()), speed, Access::ThisComputer, None, None)
     }
 
     pub fn on_rock_test() -> Self {
-        Self::start(&Source::File(drives().rock_test.clone()), 5.0, Access::ThisComputer, None)
+        Self::start(&Source::File(drives().rock_test.clone()), 5.0, Access::ThisComputer, None, None)
     }
 
     /// On a drive of so many seconds, made for it.
@@ -108,7 +108,7 @@ impl Bench {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("long.mcap");
         write(scene, &path);
-        let bench = Self::start(&Source::File(path), speed, Access::ThisComputer, None);
+        let bench = Self::start(&Source::File(path), speed, Access::ThisComputer, None, None);
         // The film holds the file open.
         drop(folder);
         bench
@@ -123,14 +123,19 @@ impl Bench {
 
     /// On a board that is yet to be plugged in.
     pub fn on_absent_board() -> Self {
-        let board = Board::new(&drives().capture);
-        let device: Device = format!("tcp:{}", board.address).parse().unwrap();
-        Self::start(&Source::Device(device), 1.0, Access::ThisComputer, Some(board))
+        Self::on_absent_board_with(None)
     }
 
-    fn start(source: &Source, speed: f64, access: Access, board: Option<Board>) -> Self {
+    /// The same, with a configuration that it is to have.
+    pub fn on_absent_board_with(config: Option<Config>) -> Self {
+        let board = Board::new(&drives().capture);
+        let device: Device = format!("tcp:{}", board.address).parse().unwrap();
+        Self::start(&Source::Device(device), 1.0, Access::ThisComputer, Some(board), config)
+    }
+
+    fn start(source: &Source, speed: f64, access: Access, board: Option<Board>, config: Option<Config>) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let live = Arc::new(Live::start(source, folder.path(), speed, None).unwrap());
+        let live = Arc::new(Live::start(source, folder.path(), speed, config).unwrap());
         let stop = Arc::new(AtomicBool::new(false));
         let (tell, told) = mpsc::channel();
         let server = {
@@ -155,10 +160,11 @@ impl Drop for Bench {
     }
 }
 
-/// A board behind a TCP port that can be unplugged: it drives on meanwhile, as boards do.
+/// A board behind a TCP port that can be unplugged: it drives on meanwhile, as boards do. Restarted, it begins its drive again.
 pub struct Board {
     address: SocketAddr,
     plugged: Arc<AtomicBool>,
+    restarts: Arc<AtomicBool>,
 }
 
 impl Board {
@@ -169,9 +175,12 @@ impl Board {
         let plugged = Arc::new(AtomicBool::new(false));
         let film = Film::open(capture, None).unwrap();
         let is_plugged = Arc::clone(&plugged);
+        let restarts = Arc::new(AtomicBool::new(false));
+        let does_restart = Arc::clone(&restarts);
+        let path = capture.to_path_buf();
         // Ends with the process: a board has no other end.
         thread::spawn(move || {
-            let (mut player, controls) = Player::new(film, 1.0);
+            let (mut player, mut controls) = Player::new(film, 1.0);
             let mut host: Option<TcpStream> = None;
             let mut bytes = [0; 4096];
             loop {
@@ -182,6 +191,9 @@ impl Board {
                 } else if let Ok((stream, _)) = listener.accept() {
                     stream.set_nonblocking(true).unwrap();
                     host = Some(stream);
+                }
+                if does_restart.swap(false, Ordering::Relaxed) {
+                    (player, controls) = Player::new(Film::open(&path, None).unwrap(), 1.0);
                 }
                 if controls.lock().ended {
                     controls.lock().wind_to_s = Some(0.0);
@@ -204,11 +216,16 @@ impl Board {
                 }
             }
         });
-        Self { address, plugged }
+        Self { address, plugged, restarts }
     }
 
     pub fn plug_in(&self) {
         self.plugged.store(true, Ordering::Relaxed);
+    }
+
+    /// A watchdog, or a dip of the supply.
+    pub fn restart(&self) {
+        self.restarts.store(true, Ordering::Relaxed);
     }
 
     pub fn unplug(&self) {

@@ -17,7 +17,7 @@ use crossfall::serve::Access;
 use crossfall::simulate::scene::Scene;
 use crossfall::{config, verify};
 use crossfall_core::protocol::Config;
-use serde_json::json;
+use serde_json::{Value, json};
 
 #[test]
 fn the_page_is_served_whole_and_nothing_beside_it() {
@@ -291,6 +291,61 @@ fn an_unplugged_board_is_told_with_its_reason_and_comes_back() {
     assert!(report.missing_frames > 0 && report.profiles_reproduced > 10);
 }
 
+/// The mounting offset that the board measures with, as the page has it.
+fn offset_deg(bench: &Bench) -> f64 {
+    let config: Value = serde_json::from_str(&http(bench.address, "GET /api/config HTTP/1.1", &[], "").body).unwrap();
+    let toml = config["toml"].as_str().unwrap();
+    let line = toml.lines().find(|line| line.starts_with("mounting_offset_deg")).unwrap();
+    line.split(['=', '#']).nth(1).unwrap().trim().parse().unwrap()
+}
+
+fn is_told(state: &Value, words: &str) -> bool {
+    state["faults"].as_array().unwrap().iter().any(|fault| fault["words"].as_str().unwrap().contains(words))
+}
+
+#[test]
+fn a_board_that_restarts_is_told_again_what_the_page_has_put_in_force() {
+    let bench = Bench::on_board();
+    let mut viewer = Viewer::join(bench.address);
+    viewer.until_state(|state| state["lamps"]["lidar"]["light"] == "good");
+    let configured = viewer.ask(json!({ "do": "configure", "toml": "[scanner]\nmounting_offset_deg = 0.8\n" }));
+    assert_eq!(configured["ok"], true, "{configured}");
+    assert_eq!(viewer.ask(json!({ "do": "record", "name": "watchdog" }))["ok"], true);
+    viewer.until_state(|state| state["recording"]["profiles"].as_u64() > Some(10));
+    bench.board.as_ref().unwrap().restart();
+    let state = viewer.until_state(|state| is_told(state, "sent again and in force: mounting offset +0.8000 degrees"));
+    assert!(is_told(&state, "the board has restarted"), "{}", state["faults"]);
+    let profiles = state["recording"]["profiles"].as_u64().unwrap();
+    let state = viewer.until_state(|state| state["recording"]["profiles"].as_u64() > Some(profiles + 20));
+    assert!((offset_deg(&bench) - 0.8).abs() < 1e-6);
+    assert_eq!(state["configuration"], "mounting offset +0.8000 degrees, delay +0.000 ms");
+    assert_eq!(viewer.ask(json!({ "do": "stop" }))["ok"], true);
+    viewer.until_state(|state| state["last_recording"].is_object());
+    let report = verify::verify(&bench.folder.path().join("watchdog.log.mcap"), |_| ()).unwrap();
+    assert_eq!(report.boots, 2);
+    assert_eq!(report.profiles_reproduced + report.profiles_unverifiable, report.profiles, "{:?}", report.problems);
+}
+
+#[test]
+fn a_board_is_given_its_configuration_when_it_is_plugged_in_and_when_it_restarts() {
+    let mut config = Config::default();
+    config.scanner.mounting_offset = config::angle_of(0.8);
+    let bench = Bench::on_absent_board_with(Some(config));
+    let mut viewer = Viewer::join(bench.address);
+    viewer.until_state(|state| state["lamps"]["link"]["light"] == "bad");
+    bench.board.as_ref().unwrap().plug_in();
+    viewer.until_state(|state| state["configuration"] == "mounting offset +0.8000 degrees, delay +0.000 ms");
+    viewer.until_state(|state| state["lamps"]["link"]["light"] == "good");
+    bench.board.as_ref().unwrap().restart();
+    viewer.until_state(|state| is_told(state, "sent again and in force"));
+    // What is put in force later is what is kept.
+    let configured = viewer.ask(json!({ "do": "configure", "toml": "[scanner]\nmounting_offset_deg = -1.5\n" }));
+    assert_eq!(configured["ok"], true, "{configured}");
+    bench.board.as_ref().unwrap().restart();
+    viewer.until_state(|state| is_told(state, "sent again and in force: mounting offset -1.5000 degrees"));
+    assert!((offset_deg(&bench) + 1.5).abs() < 1e-6);
+}
+
 #[test]
 fn a_board_that_is_not_there_is_waited_for() {
     let bench = Bench::on_absent_board();
@@ -349,7 +404,7 @@ fn a_rock_test_finds_offset_and_delay_and_puts_them_in_force() {
 }
 
 /// A rock test over the first half minute of a drive, and what comes of putting its result in force.
-fn rocked(viewer: &mut Viewer) -> (serde_json::Value, serde_json::Value) {
+fn rocked(viewer: &mut Viewer) -> (Value, Value) {
     assert_eq!(viewer.ask(json!({ "do": "rock_test", "action": "begin" }))["ok"], true);
     viewer.until_state(|state| state["rock_test"]["scans"].as_u64() > Some(1_000));
     assert_eq!(viewer.ask(json!({ "do": "rock_test", "action": "end" }))["ok"], true);
