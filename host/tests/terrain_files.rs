@@ -52,15 +52,15 @@ fn workshop() -> Workshop {
 fn a_long_diagonal_drive_is_written_in_little_memory_and_room_and_seen_from_end_to_end() {
     let folder = tempfile::tempdir().unwrap();
     let mut workshop = workshop();
-    let frames = 600;
+    let frames = 250;
     let mapper = drive(&mut workshop, folder.path(), frames);
     let kept = mapper.kept();
-    assert!(kept.tiles > 5_000 && kept.memory < 1 << 20 && kept.disk > 1 << 20, "{kept:?}");
+    assert!(kept.tiles > 2_000 && kept.memory < 1 << 20 && kept.disk > 1 << 20, "{kept:?}");
 
-    // 2.4 km each way: as one piece of memory 23 GB.
+    // 1 km each way: as one piece of memory 4 GB.
     let grid = Grid::of(&mapper).unwrap();
-    assert!(Grid::check(&mapper).is_ok() && grid.width() > 24_000 && grid.height() > 24_000);
-    assert!(grid.known_blocks() < 160, "{}", grid.known_blocks());
+    assert!(Grid::check(&mapper).is_ok() && grid.width() > 10_000 && grid.height() > 10_000);
+    assert!(grid.known_blocks() < 80, "{}", grid.known_blocks());
     let vehicle = pose(frames - 1);
     let choices = Choices { georeference: None, table: true, view: View::whole(&grid), vehicle };
     let mut blocks = 0;
@@ -71,7 +71,7 @@ fn a_long_diagonal_drive_is_written_in_little_memory_and_room_and_seen_from_end_
     })
     .unwrap();
     assert_eq!(blocks as usize, grid.known_blocks());
-    assert!(cells.known > 900_000 && cells.stop > 10_000, "{cells:?}");
+    assert!(cells.known > 300_000 && cells.stop > 5_000, "{cells:?}");
 
     // What a reader finds: every cell of the table, in its place, and nothing in the corners where nothing was seen.
     let path = |name: &str| folder.path().join(name);

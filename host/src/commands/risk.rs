@@ -204,7 +204,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             && let Some(pose) = &vehicle
         {
             mapper.refresh();
-            draw_window(&mapper, around(pose, args, 1), pose, &series.join(format!("{index:06}.png")))?;
+            draw_window(&mapper, args.range, pose, &series.join(format!("{index:06}.png")))?;
         }
         if let Err(large) = Grid::check(&mapper) {
             tell!("frame {index}: the map ends here: {large}");
@@ -238,16 +238,16 @@ pub fn run(args: &Args) -> Result<Outcome> {
 }
 
 /// The surroundings of a vehicle, most of them ahead.
-fn around(pose: &SensorPose, args: &Args, zoom: usize) -> View {
-    let range = f64::from(args.range);
+fn around(pose: &SensorPose, range: f32, cell_m: f64, zoom: usize) -> View {
+    let range = f64::from(range);
     let ahead = |axis: usize| pose.position[axis] + pose.rotation[axis][0] * 0.42 * range;
-    View::around([ahead(0), ahead(1)], 0.6 * range, f64::from(args.cell), zoom)
+    View::around([ahead(0), ahead(1)], 0.6 * range, cell_m, zoom)
 }
 
 /// Draws what the map's window knows; nothing if that is nothing.
-fn draw_window(mapper: &Mapper<'_>, view: View, vehicle: &SensorPose, path: &Path) -> Result<()> {
+fn draw_window(mapper: &Mapper<'_>, range: f32, vehicle: &SensorPose, path: &Path) -> Result<()> {
     let Some(grid) = Grid::of_window(mapper) else { return Ok(()) };
-    let mut picture = Picture::new(view, grid.cell_m);
+    let mut picture = Picture::new(around(vehicle, range, grid.cell_m, 1), grid.cell_m);
     for block in grid.blocks(mapper) {
         picture.draw(&block?);
     }
@@ -262,7 +262,8 @@ fn write_maps(
     summary: &mut Summary,
 ) -> Result<()> {
     let grid = Grid::of(mapper).ok_or_else(|| anyhow!("the frames hold no ground"))?;
-    let view = if args.at.is_some() || args.window { around(vehicle, args, 2) } else { View::whole(&grid) };
+    let near = args.at.is_some() || args.window;
+    let view = if near { around(vehicle, args.range, grid.cell_m, 2) } else { View::whole(&grid) };
     let choices = map_files::Choices { georeference, table: args.csv, view, vehicle: *vehicle };
     let progress = Progress::new("writing", grid.known_blocks() as u64);
     let Cells { known, slow, stop } = map_files::write(mapper, &grid, &args.output, &choices, |written| {
