@@ -72,7 +72,7 @@
 #![forbid(unsafe_code)]
 
 pub mod accuracy;
-pub mod along;
+pub mod calendar;
 pub mod calibrate;
 pub mod capture;
 pub mod cloud;
@@ -113,4 +113,6 @@ pub mod toml_file;
 pub mod track;
 pub mod verify;
 pub mod walk;
+pub mod way;
+mod wire;
 pub mod words;

@@ -27,9 +27,6 @@ const LONGEST_S: f64 = 2.0;
 /// Longest time for which the last speed is held where there is none.
 const HELD_S: f64 = 60.0;
 
-/// Seconds by which GPS time is ahead of UTC (since 2017).
-pub const LEAP_SECONDS: u64 = 18;
-
 /// A place on the drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Position {

@@ -8,8 +8,9 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::matching::{median, place};
-use super::{Agreement, Drive, Kind, Options, Way};
+use super::matching::place;
+use super::{Agreement, Drive, Kind, Options};
+use crate::intervals::median;
 
 /// One measurement by hand.
 #[derive(Clone, Debug, PartialEq)]
@@ -145,7 +146,7 @@ pub fn read(path: &Path) -> Result<Vec<Measurement>, Error> {
 /// Holds a drive against measurements. With `magnitudes` both lose their sign first.
 #[must_use]
 pub fn hold(drive: &Drive, measurements: &[Measurement], options: &Options, magnitudes: bool) -> Manual {
-    let way = Way::of(&drive.rows);
+    let way = drive.way();
     let single = Options { over_m: None, ..*options };
     let placed = place(&drive.rows, way.as_ref(), &single);
     let sized = |slope: f64| if magnitudes { slope.abs() } else { slope };
@@ -159,14 +160,14 @@ pub fn hold(drive: &Drive, measurements: &[Measurement], options: &Options, magn
             }
         };
         let course = placed.courses.iter().find(|c| c.left == measurement.left && c.kind == measurement.kind);
-        let around: Vec<f64> = course
+        let mut around: Vec<f64> = course
             .zip(station_m)
             .map(|(course, at)| {
                 let near = course.samples.iter().filter(|s| (s.station_m - at).abs() <= options.within_m);
                 near.map(|sample| sized(sample.slope_deg)).collect()
             })
             .unwrap_or_default();
-        let (Some(station_m), false) = (station_m, around.is_empty()) else {
+        let Some((station_m, measured_deg)) = station_m.zip(median(&mut around)) else {
             unmatched += 1;
             continue;
         };
@@ -176,7 +177,7 @@ pub fn hold(drive: &Drive, measurements: &[Measurement], options: &Options, magn
             slope: measurement.kind,
             manual_deg: sized(measurement.slope_deg),
             scans: around.len(),
-            measured_deg: median(around),
+            measured_deg,
         });
     }
     let of = |wanted: &dyn Fn(Kind) -> bool| {

@@ -45,11 +45,11 @@ pub struct Bins {
 pub struct Bin {
     /// Its middle.
     pub at: f64,
-    /// Scans in it.
+    /// Scans in it, also those that have no part in the slopes.
     pub scans: u64,
     /// Where its first scan was.
     pub place: Option<Geodetic>,
-    /// The four slopes, where found.
+    /// The four slopes, where found in sections that can be relied on.
     pub slopes: [Option<Estimate>; 4],
 }
 
@@ -74,10 +74,9 @@ impl Bins {
             let Some((_, bin, samples)) = &mut open else { continue };
             bin.scans += 1;
             bin.place = bin.place.or(scan.place[0].is_finite().then_some(scan.place));
-            for (samples, (slope, ci95)) in samples.iter_mut().zip(scan.slopes) {
-                if slope.is_finite() {
-                    samples.push(Sample::new(f64::from(slope), f64::from(ci95), at));
-                }
+            for (slope, samples) in samples.iter_mut().enumerate() {
+                let found = scan.reliable(slope);
+                found.into_iter().for_each(|(value, ci95)| samples.push(Sample::new(value, ci95, at)));
             }
         }
         bins.close(open);
