@@ -8,9 +8,8 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::matching::place;
+use super::matching::{median, place};
 use super::{Agreement, Drive, Kind, Options};
-use crate::intervals::median;
 
 /// One measurement by hand.
 #[derive(Clone, Debug, PartialEq)]
@@ -160,14 +159,14 @@ pub fn hold(drive: &Drive, measurements: &[Measurement], options: &Options, magn
             }
         };
         let course = placed.courses.iter().find(|c| c.left == measurement.left && c.kind == measurement.kind);
-        let mut around: Vec<f64> = course
+        let around: Vec<f64> = course
             .zip(station_m)
             .map(|(course, at)| {
                 let near = course.samples.iter().filter(|s| (s.station_m - at).abs() <= options.within_m);
                 near.map(|sample| sized(sample.slope_deg)).collect()
             })
             .unwrap_or_default();
-        let Some((station_m, measured_deg)) = station_m.zip(median(&mut around)) else {
+        let (Some(station_m), false) = (station_m, around.is_empty()) else {
             unmatched += 1;
             continue;
         };
@@ -177,7 +176,7 @@ pub fn hold(drive: &Drive, measurements: &[Measurement], options: &Options, magn
             slope: measurement.kind,
             manual_deg: sized(measurement.slope_deg),
             scans: around.len(),
-            measured_deg,
+            measured_deg: median(around),
         });
     }
     let of = |wanted: &dyn Fn(Kind) -> bool| {
