@@ -5,28 +5,23 @@
 //! scan of the first is held against the nearest one, scan by scan and without averaging, as the paper does. Drives without
 //! positions are matched by the way travelled since their beginning, which is said. Positions err by metres, slopes vary over metres:
 //! so the variation is also given with the drives shifted against each other by what makes their slopes agree best, one shift for
-//! each half kilometre. Sections that say themselves unreliable (`doubtful`, `no_attitude`) are left out and counted.
+//! each half kilometre; medians over stretches are as coarse as the positions and are not shifted. Sections that say themselves unreliable (`doubtful`, `no_attitude`) are left out and counted.
 
 mod align;
 pub mod attitude;
 pub mod manual;
 mod matching;
 mod repeat;
-mod way;
 
 use std::path::Path;
 
-use crossfall_core::protocol::message::flags;
 use serde::Serialize;
 
 use crate::container::Error;
 use crate::profiles::{Row, Rows, SlopeRow};
+use crate::way::{Reach, Way};
 
 pub use repeat::{Aligned, Dot, Pair, Repeat, repeat};
-pub use way::Way;
-
-/// Sections with any of these say themselves that they are not to be relied on.
-pub const UNRELIABLE: u16 = flags::DOUBTFUL | flags::NO_ATTITUDE;
 
 /// Which slope.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -99,6 +94,12 @@ impl Drive {
         }
         Ok(Self { name: path.display().to_string(), rows: all, damage: rows.damage() })
     }
+
+    /// The track, for places to be found on; nothing without positions or without a way travelled.
+    fn way(&self) -> Option<Way> {
+        let placed = self.rows.iter().filter_map(|row| Some((row.position.geodetic?, row.position.station_m?)));
+        Way::through(placed, Reach::LANE)
+    }
 }
 
 /// How to compare.
@@ -137,7 +138,10 @@ impl Agreement {
     /// Of differences in degrees, each with the half widths of both 95 % intervals where there are.
     #[must_use]
     pub fn of(differences: &[(f64, Option<f64>)]) -> Self {
-        let count = differences.len().max(1) as f64;
+        if differences.is_empty() {
+            return Self::default();
+        }
+        let count = differences.len() as f64;
         let sum = |part: &dyn Fn(f64) -> f64| differences.iter().map(|(d, _)| part(*d)).sum::<f64>() / count;
         let expected: Vec<f64> = differences.iter().filter_map(|(_, half)| *half).collect();
         // The magnitude of a normal error of deviation s has the mean s sqrt(2 / pi); an interval is 1.96 deviations to either side.

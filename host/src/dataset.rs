@@ -1,6 +1,7 @@
 //! A data set of many drives: `road=NAME/date=YYYY-MM-DD/DRIVE.parquet`, the layout that DuckDB, Spark and pandas read as one table.
 //!
-//! A partition file is written whole or not at all, and one that is newer than all files of its log is left as it is: a run that was stopped goes on where it was.
+//! A partition file is written whole or not at all, and notes what it was made from and how: one of the same log, made by the same program in the same
+//! way, is left as it is. A run that was stopped goes on where it was.
 //! The date is that of the first scan with a GPS time, in UTC.
 
 use std::collections::BTreeMap;
@@ -8,12 +9,14 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
+use std::time::UNIX_EPOCH;
 
+use crate::calendar::{Date, unix_of_gps};
 use crate::intervals::{Every, Gather};
 use crate::output::{self, Output};
 use crate::profiles::{Row, Rows};
-use crate::table::{self, Format, Table};
-use crate::{container, interrupt, leap};
+use crate::table::{self, Format, Note, Table};
+use crate::{container, interrupt};
 
 /// What the Hive convention calls a partition of rows without a value.
 const NONE: &str = "__HIVE_DEFAULT_PARTITION__";
@@ -46,16 +49,26 @@ pub enum Error {
 }
 
 /// A table that was written.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Written {
     /// Where it is.
     pub path: PathBuf,
-    /// Its rows; nothing for one that was there already.
+    /// Its rows; nothing for one that was there already, of the same log and made in the same way.
     pub rows: Option<u64>,
     /// Damaged, broken or missing parts of the log that were passed over.
     pub damage: u64,
     /// Rows that had no station and belong to no stretch.
     pub unplaced: u64,
+    /// Rows that say themselves unreliable and have no part in their stretch.
+    pub unreliable: u64,
+}
+
+/// What a table is to be like.
+#[derive(Clone, Copy)]
+struct Wanted<'a> {
+    every: Option<Every>,
+    format: Format,
+    notes: &'a [Note],
 }
 
 /// Writes one log's table, whole or not at all. `progress` is told how far the log has been read, in bytes.
@@ -71,8 +84,12 @@ pub fn write(
     to: &Path,
     progress: impl FnMut(u64) + Send,
 ) -> Result<Written, Error> {
+    write_as(log, Wanted { every, format, notes: &[] }, to, progress)
+}
+
+fn write_as(log: &Path, wanted: Wanted<'_>, to: &Path, progress: impl FnMut(u64) + Send) -> Result<Written, Error> {
     let rows = Rows::open(log)?;
-    let (written, damage) = write_from(every, format, to, |sink| Ok(read(rows, progress, sink)))?;
+    let (written, damage) = write_made(wanted, to, |sink| Ok(read(rows, progress, sink)))?;
     Ok(Written { damage, ..written })
 }
 
@@ -86,8 +103,16 @@ pub fn write_from<T: Send>(
     to: &Path,
     make: impl FnOnce(&mut RowSink) -> Result<T, container::Error> + Send,
 ) -> Result<(Written, T), Error> {
+    write_made(Wanted { every, format, notes: &[] }, to, make)
+}
+
+fn write_made<T: Send>(
+    wanted: Wanted<'_>,
+    to: &Path,
+    make: impl FnOnce(&mut RowSink) -> Result<T, container::Error> + Send,
+) -> Result<(Written, T), Error> {
     let output = Output::create(to)?;
-    let (output, written, made) = tabulate(every, format, output, make).map_err(|error| match error {
+    let (output, written, made) = tabulate(wanted, output, make).map_err(|error| match error {
         Stopped::Table(source) => Error::Table { path: to.to_path_buf(), source },
         Stopped::Interrupted => container::Error::Interrupted.into(),
     })?;
@@ -118,7 +143,8 @@ pub fn stream<W: std::io::Write + Send>(
     out: W,
     progress: impl FnMut(u64) + Send,
 ) -> Result<(W, Written), Stopped> {
-    let (out, written, damage) = tabulate(every, format, out, |sink| read(rows, progress, sink))?;
+    let wanted = Wanted { every, format, notes: &[] };
+    let (out, written, damage) = tabulate(wanted, out, |sink| read(rows, progress, sink))?;
     Ok((out, Written { damage, ..written }))
 }
 
@@ -163,16 +189,15 @@ impl RowSink {
 
 /// Writes a table of the rows that `make` pushes on a thread of its own.
 fn tabulate<W: std::io::Write + Send, T: Send>(
-    every: Option<Every>,
-    format: Format,
+    Wanted { every, format, notes }: Wanted<'_>,
     out: W,
     make: impl FnOnce(&mut RowSink) -> T + Send,
 ) -> Result<(W, Written, T), Stopped> {
     let mut count = 0;
-    let mut unplaced = 0;
+    let (mut unplaced, mut unreliable) = (0, 0);
     let (out, made) = match every {
         None => {
-            let mut table = Table::new(format, out)?;
+            let mut table = Table::with_notes(format, out, notes)?;
             let made = beside(make, |row| {
                 count += 1;
                 table.row(row)
@@ -180,7 +205,7 @@ fn tabulate<W: std::io::Write + Send, T: Send>(
             (table.finish()?, made)
         }
         Some(every) => {
-            let mut table = Table::new(format, out)?;
+            let mut table = Table::with_notes(format, out, notes)?;
             let mut gather = Gather::new(every);
             let made = beside(make, |row| match gather.row(row) {
                 Some(stretch) => {
@@ -193,11 +218,11 @@ fn tabulate<W: std::io::Write + Send, T: Send>(
                 count += 1;
                 table.row(&stretch)?;
             }
-            unplaced = gather.unplaced();
+            (unplaced, unreliable) = (gather.unplaced(), gather.unreliable());
             (table.finish()?, made)
         }
     };
-    Ok((out, Written { path: PathBuf::new(), rows: Some(count), damage: 0, unplaced }, made))
+    Ok((out, Written { rows: Some(count), unplaced, unreliable, ..Written::default() }, made))
 }
 
 /// Makes rows on a thread of their own and gives them to `take`.
@@ -257,7 +282,8 @@ impl Partition {
         let name = log.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         let drive = name.strip_suffix(".mcap").unwrap_or(&name);
         let drive = drive.strip_suffix(".log").unwrap_or(drive).to_owned();
-        Ok(Self { road, date: gps.map(|(week, seconds)| date(week, seconds as u64)), drive })
+        let date = gps.map(|(week, seconds)| Date::of_unix(unix_of_gps(week, seconds as u64)).to_string());
+        Ok(Self { road, date, drive })
     }
 
     /// Its file within a data set.
@@ -322,18 +348,34 @@ fn partition(
     file: &Path,
     progress: impl FnMut(u64) + Send,
 ) -> Result<Written, Error> {
-    let changed = |path: &Path| fs::metadata(path).and_then(|found| found.modified());
-    let files = crate::log::Parts::of(log)?.files;
-    let logged = files.iter().filter_map(|file| changed(file).ok()).max();
-    if let (Ok(made), Some(logged)) = (changed(file), logged)
-        && made > logged
-    {
-        return Ok(Written { path: file.to_path_buf(), rows: None, damage: 0, unplaced: 0 });
+    let notes = origin(log, every)?;
+    if table::notes(file).is_ok_and(|of_file| of_file == notes) {
+        return Ok(Written { path: file.to_path_buf(), ..Written::default() });
     }
     if let Some(folder) = file.parent() {
         fs::create_dir_all(folder).map_err(|source| output::Error { path: folder.to_path_buf(), source })?;
     }
-    write(log, every, Format::Parquet, file, progress)
+    write_as(log, Wanted { every, format: Format::Parquet, notes: &notes }, file, progress)
+}
+
+/// What a partition is made from and how, as it notes it. A log that grows or is replaced has another size or another time, also an older one.
+fn origin(log: &Path, every: Option<Every>) -> Result<Vec<Note>, container::Error> {
+    let (mut bytes, mut newest) = (0, UNIX_EPOCH);
+    // All files of the drive.
+    for file in crate::log::Parts::of(log)?.files {
+        let unreadable = |source| container::Error::Io { path: file.clone(), source };
+        let found = fs::metadata(&file).map_err(unreadable)?;
+        bytes += found.len();
+        newest = newest.max(found.modified().map_err(unreadable)?);
+    }
+    // A file from before 1970 has no other sign of its time.
+    let modified = newest.duration_since(UNIX_EPOCH).unwrap_or_default();
+    Ok(vec![
+        ("crossfall.version".into(), env!("CARGO_PKG_VERSION").to_owned()),
+        ("crossfall.log_bytes".into(), bytes.to_string()),
+        ("crossfall.log_modified_ns".into(), modified.as_nanos().to_string()),
+        ("crossfall.every_m".into(), every.map_or_else(|| "scan".to_owned(), |every| every.metres.to_string())),
+    ])
 }
 
 /// A name as the Hive convention writes it into a path.
@@ -351,34 +393,9 @@ fn escaped(name: &str) -> String {
     if out.chars().all(|c| c == '.') { out.replace('.', "%2E") } else { out }
 }
 
-/// The date in UTC of a second of a GPS week, by Hinnant's `civil_from_days`.
-pub(crate) fn date(week: u16, seconds: u64) -> String {
-    // 1980-01-06 is day 3657 since 1970-01-01.
-    let days = 3_657 + (u64::from(week) * 604_800 + seconds - leap::seconds(week, seconds)) / 86_400;
-    let shifted = days + 719_468;
-    let (era, day_of_era) = (shifted / 146_097, shifted % 146_097);
-    let year_of_era = (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let month_from_march = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
-    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
-    let year = year_of_era + era * 400 + u64::from(month <= 2);
-    format!("{year:04}-{month:02}-{day:02}")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn dates_are_those_of_the_calendar() {
-        // The start of GPS time; a leap day, 13 leap seconds apart from midnight; the end of week 2400's Wednesday, 18 apart.
-        assert_eq!(date(0, 0), "1980-01-06");
-        assert_eq!(date(1_051, 2 * 86_400 + 12), "2000-02-28");
-        assert_eq!(date(1_051, 2 * 86_400 + 13), "2000-02-29");
-        assert_eq!(date(2_400, 259_200 + 17), "2026-01-06");
-        assert_eq!(date(2_400, 259_200 + 18), "2026-01-07");
-    }
 
     #[test]
     fn partitions_are_paths_that_hive_reads() {

@@ -11,10 +11,11 @@ use crossfall_core::protocol::message::{Message, Profile, PulseVerdict, flags};
 use crate::container::Error;
 use crate::geodesy::Geodetic;
 use crate::interrupt;
-use crate::profiles::{Row, SlopeRow, degrees, host_flags, sides};
+use crate::profiles::{Row, SlopeRow, UNRELIABLE, degrees, host_flags, sides};
 use crate::section::Section;
 use crate::totals::Totals;
 use crate::walk::Walk;
+use crate::way::{Reach, Way};
 
 /// Sections kept.
 pub const SECTIONS: usize = 240;
@@ -39,8 +40,23 @@ pub struct Scan {
     pub slopes: [(f32, f32); 4],
     /// Left and right edge of the road in metres, left positive; NaN where not found.
     pub edges_m: [f32; 2],
-    /// Flags of the scan and of either side.
-    pub flags: u16,
+    /// Flags of the scan and of each side, left and right.
+    pub flags: [u16; 2],
+}
+
+impl Scan {
+    /// Whether a side, 0 left and 1 right, does not say itself [unreliable](UNRELIABLE).
+    #[must_use]
+    pub fn is_reliable(&self, side: usize) -> bool {
+        self.flags.get(side).is_some_and(|flags| flags & UNRELIABLE == 0)
+    }
+
+    /// One of the four slopes and the half width of its interval (NaN where it has none) in degrees, where it was found and can be relied on.
+    #[must_use]
+    pub fn reliable(&self, slope: usize) -> Option<(f64, f64)> {
+        let (value, ci95) = *self.slopes.get(slope)?;
+        (value.is_finite() && self.is_reliable(slope / 2)).then_some((f64::from(value), f64::from(ci95)))
+    }
 }
 
 /// A section that was kept.
@@ -141,7 +157,6 @@ impl Drive {
 
     fn add(&mut self, profile: &Profile, [left, right]: &[Row; 2]) {
         let position = left.position;
-        let flags = left.flags | right.flags;
         let pair = |slope: Option<SlopeRow>| {
             slope.map_or((f32::NAN, f32::NAN), |s| (s.slope_deg as f32, s.ci95_deg.map_or(f32::NAN, |ci| ci as f32)))
         };
@@ -154,10 +169,10 @@ impl Drive {
             roll_deg: degrees(profile.roll) as f32,
             slopes: [pair(left.adjacent), pair(left.opposing), pair(right.adjacent), pair(right.opposing)],
             edges_m: [left.edge_y_m, right.edge_y_m].map(|edge| edge.map_or(f32::NAN, |edge| edge as f32)),
-            flags,
+            flags: [left.flags, right.flags],
         });
         for (bit, count) in self.health.flagged.iter_mut().enumerate() {
-            *count += u64::from(flags >> bit & 1);
+            *count += u64::from((left.flags | right.flags) >> bit & 1);
         }
     }
 
@@ -180,6 +195,13 @@ impl Drive {
         }
     }
 
+    /// The track, for places of other drives to be found on; nothing for a drive without positions and stations.
+    #[must_use]
+    pub fn way(&self) -> Option<Way> {
+        let known = self.scans.iter().filter(|scan| scan.place[0].is_finite() && scan.station_m.is_finite());
+        Way::through(known.map(|scan| (scan.place, scan.station_m)), Reach::ROAD)
+    }
+
     /// First and last station, where there are any.
     #[must_use]
     pub fn span_m(&self) -> Option<(f64, f64)> {
@@ -187,10 +209,16 @@ impl Drive {
         Some((known().next()?, known().next_back()?))
     }
 
-    /// Share of the scans in which a slope was found.
+    /// Scans of which a side, 0 left and 1 right, says itself [unreliable](UNRELIABLE).
+    #[must_use]
+    pub fn unreliable(&self, side: usize) -> u64 {
+        self.scans.iter().filter(|scan| !scan.is_reliable(side)).count() as u64
+    }
+
+    /// Share of the scans in which a slope was found and can be relied on.
     #[must_use]
     pub fn found(&self, slope: usize) -> f64 {
-        let found = self.scans.iter().filter(|scan| scan.slopes.get(slope).is_some_and(|s| s.0.is_finite())).count();
+        let found = self.scans.iter().filter(|scan| scan.reliable(slope).is_some()).count();
         found as f64 / self.scans.len().max(1) as f64
     }
 

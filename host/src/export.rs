@@ -2,7 +2,7 @@
 //!
 //! | topic | schema | what |
 //! |---|---|---|
-//! | `/scan` | foxglove.LaserScan | the ranges as sent, angles from the vehicle's right |
+//! | `/scan` | foxglove.LaserScan | the ranges as sent, angles from the vehicle's right, however the scanner is mounted |
 //! | `/points` | foxglove.PointCloud | the levelled returns in the frame `level` |
 //! | `/tf` | foxglove.FrameTransform | `level` (scanner, heading and pitch, without roll) in `map` (metres east, north, up from the first place) |
 //! | `/location` | foxglove.LocationFix | where the scanner was |
@@ -11,22 +11,21 @@
 //! Times are GPS time as Unix nanoseconds (UTC, less the leap seconds of its day) where it is known, else device time. Messages stream.
 
 use std::collections::BTreeMap;
+use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 
 use crossfall_core::scan::Points;
 use mcap::records::MessageHeader;
 use serde_json::{Map, Value as Json, json};
 
+use crate::calendar::unix_of_gps;
 use crate::geodesy::{Geodetic, between};
 use crate::output::{self, Output};
 use crate::profiles::sides;
 use crate::table::{Record, Value};
 use crate::track::Turn;
 use crate::walk::{Step, Walk};
-use crate::{container, interrupt, leap};
-
-/// Seconds from the Unix epoch to that of GPS.
-const GPS_EPOCH_S: u64 = 315_964_800;
+use crate::{container, interrupt};
 
 /// A log could not be exported.
 #[derive(Debug, thiserror::Error)]
@@ -158,10 +157,7 @@ pub fn foxglove(log: &Path, to: &Path, mut progress: impl FnMut(u64)) -> Result<
 
 fn unix_ns(step: &Step<'_>) -> u64 {
     match step.position.gps {
-        Some((week, seconds)) => {
-            let ahead = leap::seconds(week, seconds as u64);
-            (GPS_EPOCH_S + u64::from(week) * 604_800 - ahead) * 1_000_000_000 + (seconds * 1e9).round() as u64
-        }
+        Some((week, seconds)) => unix_of_gps(week, 0) * 1_000_000_000 + (seconds * 1e9).round() as u64,
         None => step.profile.time.0.saturating_mul(1_000),
     }
 }
@@ -181,7 +177,11 @@ fn scan(step: &Step<'_>, points: &Points, stamp: &Json) -> Json {
             *range = (metres * 1e4).round() / 1e4;
         }
     }
-    let radians = |beam: usize| (f64::from(scan.beam_cdeg(beam)) / 100.0).to_radians();
+    // The beams of a mirrored scanner begin at the vehicle's left.
+    let radians = |beam: usize| {
+        let angle = (f64::from(scan.beam_cdeg(beam)) / 100.0).to_radians();
+        if step.config().scanner.mirrored { PI - angle } else { angle }
+    };
     json!({
         "timestamp": stamp, "frame_id": "scanner", "pose": identity(), "start_angle": radians(0), "end_angle": radians(last),
         "ranges": ranges, "intensities": [],

@@ -5,9 +5,9 @@
 //! with the narrower 95 % interval, of equal ones the nearer. The other value is told as well: their difference checks both drives.
 //!
 //! A drive the other way has the same slope on the same (left) side of the vehicle but as the other one of the two, and rising where it fell; a drive the
-//! same way has it as the same one. Slopes are signed as the first drive sees them. Places join the drives ([`crate::along`]).
+//! same way has it as the same one. Slopes are signed as the first drive sees them. Places join the drives ([`crate::way`]). Sections of either drive
+//! that say themselves [unreliable](crate::profiles::UNRELIABLE) have no part in it.
 
-use crate::along::Along;
 use crate::drive::Drive;
 use crate::geodesy::Geodetic;
 use crate::intervals::{Estimate, Every, Sample, Samples};
@@ -57,7 +57,7 @@ pub struct Fused {
 /// Joins two drives in stretches of a length; nothing when the first has no positions or the second was never near it.
 #[must_use]
 pub fn fuse(first: &Drive, second: &Drive, every: Every) -> Option<Vec<Fused>> {
-    let mut along = Along::new(first)?;
+    let way = first.way()?;
     let (from_m, to_m) = first.span_m()?;
     let begin = (from_m / every.metres).floor() as i64;
     let count = ((to_m / every.metres).floor() as i64 - begin + 1).max(1) as usize;
@@ -66,20 +66,16 @@ pub fn fuse(first: &Drive, second: &Drive, every: Every) -> Option<Vec<Fused>> {
     for scan in first.scans.iter().filter(|scan| scan.station_m.is_finite()) {
         let Some(stretch) = number(scan.station_m).and_then(|number| stretches.get_mut(number)) else { continue };
         stretch.place = stretch.place.or(scan.place[0].is_finite().then_some(scan.place));
-        add(&mut stretch.first, scan.station_m, [scan.slopes[0], scan.slopes[1]], 1.0);
+        add(&mut stretch.first, scan.station_m, [scan.reliable(0), scan.reliable(1)], 1.0);
     }
-    let stations: Vec<Option<f64>> = second
-        .scans
-        .iter()
-        .map(|scan| scan.place[0].is_finite().then(|| along.find(scan.place).map(|found| found.station_m)).flatten())
-        .collect();
+    let stations: Vec<Option<f64>> = second.scans.iter().map(|scan| way.station_m(scan.place)).collect();
     let mut known = stations.iter().flatten();
     let (start, end) = (*known.next()?, known.next_back().copied()?);
     let opposite = end < start;
     for (scan, station) in second.scans.iter().zip(&stations) {
         let Some(at_m) = *station else { continue };
         let Some(stretch) = number(at_m).and_then(|number| stretches.get_mut(number)) else { continue };
-        let [adjacent, opposing, ..] = scan.slopes;
+        let (adjacent, opposing) = (scan.reliable(0), scan.reliable(1));
         match opposite {
             true => add(&mut stretch.second, at_m, [opposing, adjacent], -1.0),
             false => add(&mut stretch.second, at_m, [adjacent, opposing], 1.0),
@@ -110,11 +106,9 @@ struct Stretch {
     second: [Samples; 2],
 }
 
-fn add(into: &mut [Samples; 2], at_m: f64, slopes: [(f32, f32); 2], sign: f64) {
-    for (samples, (slope, ci95)) in into.iter_mut().zip(slopes) {
-        if slope.is_finite() {
-            samples.push(Sample::new(sign * f64::from(slope), f64::from(ci95), at_m));
-        }
+fn add(into: &mut [Samples; 2], at_m: f64, slopes: [Option<(f64, f64)>; 2], sign: f64) {
+    for (samples, slope) in into.iter_mut().zip(slopes) {
+        slope.into_iter().for_each(|(value, ci95)| samples.push(Sample::new(sign * value, ci95, at_m)));
     }
 }
 
@@ -127,10 +121,12 @@ impl Record for Fused {
         ("height_m", Kind::Real(3)),
         ("adjacent_slope_deg", Kind::Real(5)),
         ("adjacent_slope_ci95_deg", Kind::Real(5)),
+        ("adjacent_scans", Kind::Integer),
         ("adjacent_from_drive", Kind::Integer),
         ("adjacent_difference_deg", Kind::Real(5)),
         ("opposing_slope_deg", Kind::Real(5)),
         ("opposing_slope_ci95_deg", Kind::Real(5)),
+        ("opposing_scans", Kind::Integer),
         ("opposing_from_drive", Kind::Integer),
         ("opposing_difference_deg", Kind::Real(5)),
     ];
@@ -144,6 +140,7 @@ impl Record for Fused {
             into.extend([
                 better.map(|(value, _)| value.value).into(),
                 better.map(|(value, _)| value.ci95).into(),
+                Value::Integer(better.map_or(0, |(value, _)| value.count as i64)),
                 better.map(|(_, drive)| drive).into(),
                 difference.into(),
             ]);
@@ -164,6 +161,7 @@ mod tests {
     use super::*;
     use crate::drive::Scan;
     use crate::geodesy::shifted;
+    use crossfall_core::protocol::message::flags;
 
     /// A scan a second, with left slopes and half widths.
     fn scan(number: u32, station_m: f64, place: [f64; 3], [adjacent, opposing]: [(f32, f32); 2]) -> Scan {
@@ -176,7 +174,7 @@ mod tests {
             roll_deg: 0.0,
             slopes: [adjacent, opposing, none, none],
             edges_m: [f32::NAN; 2],
-            flags: 0,
+            flags: [0; 2],
         }
     }
 
@@ -267,7 +265,27 @@ mod tests {
         let mut cells = Vec::new();
         fused[3].cells(&mut cells);
         assert_eq!(cells.len(), Fused::COLUMNS.len());
-        assert_eq!((&cells[7], &cells[11]), (&Value::Integer(1), &Value::Integer(2)));
+        assert_eq!((&cells[8], &cells[13]), (&Value::Integer(1), &Value::Integer(2)));
+    }
+
+    #[test]
+    fn what_says_itself_unreliable_has_no_part() {
+        let up = drive(true, [(-8.0, 0.05), (7.1, 0.3)]);
+        let mut down = drive(false, [(-7.0, 0.05), (8.2, 0.3)]);
+        // Without attitude for half of a stretch, with a tight interval all the same; what is doubtful on the right has nothing to do with the left.
+        for scan in &mut down.scans {
+            let lost = (100.0..125.0).contains(&scan.station_m);
+            scan.flags = if lost { [flags::NO_ATTITUDE; 2] } else { [0, flags::DOUBTFUL] };
+            scan.slopes[0].0 += if lost { 2.5 } else { 0.0 };
+        }
+        let fused = fuse(&up, &down, Every { metres: 50.0 }).unwrap();
+        for stretch in &fused {
+            let (opposing, from) = stretch.opposing.better().unwrap();
+            assert!((opposing.value - 7.0).abs() < 1e-6 && from == 2, "{stretch:?}");
+        }
+        let count = |stretch: &Fused| stretch.opposing.second.unwrap().count;
+        assert!(count(&fused[7]) < 27 && count(&fused[5]) > 48, "{fused:?}");
+        assert_eq!((down.unreliable(0), down.unreliable(1)), (25, 500));
     }
 
     #[test]

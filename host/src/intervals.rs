@@ -1,5 +1,6 @@
 //! Slopes per stretch of road: what all scans of a stretch say together, see [`Samples`] for how. What the slope itself varies along the stretch is told
-//! apart from what its value may be off by, as `sd`.
+//! apart from what its value may be off by, as `sd`. Sections that say themselves [unreliable](crate::profiles::UNRELIABLE) have no part in it and are
+//! counted: one that was measured without attitude is off by all of the vehicle's roll, in one direction for as long as the poses fail.
 
 mod samples;
 
@@ -9,7 +10,7 @@ use crate::geodesy::{Geodetic, between};
 use crate::profiles::{Row, SlopeRow, flag_names};
 use crate::table::{Column, Kind, Record, Shape, Value};
 
-pub use samples::{Estimate, HELD, ROLL_SD_DEG, Sample, Samples};
+pub use samples::{Estimate, HELD, ROLL_SD_DEG, Sample, Samples, median};
 
 /// Metres in a statute mile.
 pub const MILE_M: f64 = 1_609.344;
@@ -62,6 +63,8 @@ pub struct Interval {
     pub left: bool,
     /// Scans in it.
     pub scans: u64,
+    /// How many of them say themselves unreliable and have no part in what follows.
+    pub unreliable: u64,
     /// Slope of the road in degrees.
     pub road_slope_deg: Option<f64>,
     /// Median of the road edge's lateral distance in metres.
@@ -70,7 +73,7 @@ pub struct Interval {
     pub adjacent: Option<SlopeOver>,
     /// The opposing slope.
     pub opposing: Option<SlopeOver>,
-    /// Flags that at least half of the scans have.
+    /// Flags that at least a tenth of the scans have, those left out among them.
     pub flags: u16,
     /// The rows at its borders and nearest to its middle.
     first: Row,
@@ -115,6 +118,7 @@ impl Record for Interval {
         ("longitude_deg", Kind::Real(9)),
         ("height_m", Kind::Real(3)),
         ("scans", Kind::Integer),
+        ("unreliable_scans", Kind::Integer),
         ("road_slope_deg", Kind::Real(5)),
         ("edge_y_m", Kind::Real(4)),
         ("adjacent_slope_deg", Kind::Real(5)),
@@ -145,6 +149,7 @@ impl Record for Interval {
             geodetic(1),
             geodetic(2),
             Value::Integer(self.scans as i64),
+            Value::Integer(self.unreliable as i64),
             self.road_slope_deg.into(),
             self.edge_y_m.into(),
         ]);
@@ -185,13 +190,14 @@ pub struct Gather {
     every: Every,
     open: [Option<Stretch>; 2],
     unplaced: u64,
+    unreliable: u64,
 }
 
 impl Gather {
     /// Stretches of a length.
     #[must_use]
     pub fn new(every: Every) -> Self {
-        Self { every, open: [None, None], unplaced: 0 }
+        Self { every, open: [None, None], unplaced: 0, unreliable: 0 }
     }
 
     /// Rows without a station, which belong to no stretch.
@@ -200,12 +206,19 @@ impl Gather {
         self.unplaced
     }
 
+    /// Rows that were left out because they say themselves unreliable.
+    #[must_use]
+    pub fn unreliable(&self) -> u64 {
+        self.unreliable
+    }
+
     /// Takes in a row; gives the stretch of its side that ended before it, if one did.
     pub fn row(&mut self, row: &Row) -> Option<Interval> {
         let Some(station_m) = row.position.station_m else {
             self.unplaced += 1;
             return None;
         };
+        self.unreliable += u64::from(!row.is_reliable());
         let number = (station_m / self.every.metres).floor() as i64;
         let open = &mut self.open[usize::from(!row.left)];
         if let Some(stretch) = open.as_mut().filter(|stretch| stretch.number == number) {
@@ -238,6 +251,7 @@ struct Stretch {
     middle: Row,
     from_middle_m: f64,
     scans: u64,
+    unreliable: u64,
     flags: [u64; 16],
     road: Samples,
     edge: Samples,
@@ -261,6 +275,7 @@ impl Stretch {
             middle: row.clone(),
             from_middle_m: f64::INFINITY,
             scans: 0,
+            unreliable: 0,
             flags: [0; 16],
             road: Samples::default(),
             edge: Samples::default(),
@@ -278,6 +293,10 @@ impl Stretch {
         self.last = row.clone();
         for (bit, count) in self.flags.iter_mut().enumerate() {
             *count += u64::from(row.flags >> bit & 1);
+        }
+        if !row.is_reliable() {
+            self.unreliable += 1;
+            return;
         }
         let bare = |value: f64| Sample::new(value, f64::NAN, station_m);
         row.road_slope_deg.into_iter().for_each(|slope| self.road.push(bare(slope)));
@@ -298,13 +317,14 @@ impl Stretch {
                 end_y_m: samples.end.median()?,
             })
         });
-        let flags = self.flags.iter().enumerate().filter(|(_, count)| 2 * **count >= self.scans);
+        let flags = self.flags.iter().enumerate().filter(|(_, count)| 10 * **count >= self.scans);
         let flags = flags.fold(0, |set, (bit, _)| set | 1 << bit);
         Interval {
             from_m: self.number as f64 * self.every.metres,
             to_m: (self.number + 1) as f64 * self.every.metres,
             left: self.middle.left,
             scans: self.scans,
+            unreliable: self.unreliable,
             road_slope_deg: self.road.estimate().map(|road| road.value),
             edge_y_m: self.edge.median(),
             adjacent,
@@ -322,6 +342,7 @@ mod tests {
     use super::*;
     use crate::track::Position;
     use crossfall_core::protocol::DeviceTime;
+    use crossfall_core::protocol::message::flags;
 
     fn row(station_m: f64, slope_deg: f64) -> Row {
         let slope = SlopeRow { slope_deg, ci95_deg: Some(0.1), length_m: 4.0, points: 20, end_y_m: 7.5 };
@@ -357,6 +378,42 @@ mod tests {
         let borders: Vec<_> = done.iter().map(|one| (one.from_m, one.to_m, one.scans)).collect();
         assert_eq!(borders, [(0.0, 10.0, 7), (10.0, 20.0, 10), (20.0, 30.0, 10), (30.0, 40.0, 10), (40.0, 50.0, 3)]);
         assert!(done.iter().all(|one| (one.adjacent.unwrap().slope_deg.value + 8.0).abs() < 1e-9));
+    }
+
+    #[test]
+    fn what_says_itself_unreliable_has_no_part_in_a_stretch_and_is_counted() {
+        let mut gather = Gather::new(Every { metres: 50.0 });
+        for i in 0..100 {
+            // The poses fail for nine scans of a hundred; five others are doubtful.
+            let (slope_deg, flags) = match i {
+                20..29 => (-5.5, flags::NO_ATTITUDE),
+                60..65 => (-30.0, flags::DOUBTFUL | flags::VEGETATION),
+                _ => (-8.0, 0),
+            };
+            assert!(gather.row(&Row { flags, ..row(f64::from(i) * 0.4, slope_deg) }).is_none());
+        }
+        assert_eq!(gather.unreliable(), 14);
+        let stretch = gather.finish().next().unwrap();
+        let slope = stretch.adjacent.unwrap().slope_deg;
+        assert!((slope.value + 8.0).abs() < 1e-9 && slope.sd < 1e-9, "{slope:?}");
+        assert_eq!((stretch.scans, stretch.unreliable, slope.count), (100, 14, 86));
+        assert_eq!(stretch.flags, 0, "less than a tenth");
+        // Of a stretch that has nothing else, nothing is said.
+        for i in 0..10 {
+            gather.row(&Row { flags: flags::NO_ATTITUDE, ..row(50.0 + f64::from(i), -5.5) });
+        }
+        let stretch = gather.finish().next().unwrap();
+        assert_eq!((stretch.adjacent, stretch.road_slope_deg, stretch.edge_y_m), (None, None, None));
+        assert_eq!(stretch.flags, flags::NO_ATTITUDE);
+    }
+
+    #[test]
+    fn a_flag_of_a_tenth_of_the_scans_is_that_of_the_stretch() {
+        let mut gather = Gather::new(Every { metres: 50.0 });
+        for i in 0..40 {
+            gather.row(&Row { flags: if i < 4 { flags::OBSTRUCTED } else { 0 }, ..row(f64::from(i), -8.0) });
+        }
+        assert_eq!(gather.finish().next().unwrap().flags, flags::OBSTRUCTED);
     }
 
     #[test]

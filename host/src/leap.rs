@@ -39,12 +39,13 @@ pub fn seconds(week: u16, second: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calendar::{Date, unix_of_gps};
 
     #[test]
     fn every_leap_second_came_before_the_first_of_january_or_july() {
         for (&(week, day), total) in ADDED.iter().zip(1..) {
             let midnight = u64::from(day) * DAY_S + total;
-            let date = crate::dataset::date(week, midnight);
+            let date = Date::of_unix(unix_of_gps(week, midnight)).to_string();
             assert!(date.ends_with("-01-01") || date.ends_with("-07-01"), "{date}");
             assert_eq!((seconds(week, midnight - 1), seconds(week, midnight)), (total - 1, total), "{date}");
         }

@@ -72,7 +72,7 @@
 #![forbid(unsafe_code)]
 
 pub mod accuracy;
-pub mod along;
+pub mod calendar;
 pub mod calibrate;
 pub mod capture;
 pub mod cloud;
@@ -115,4 +115,6 @@ pub mod totals;
 pub mod track;
 pub mod verify;
 pub mod walk;
+pub mod way;
+mod wire;
 pub mod words;

@@ -49,6 +49,9 @@ pub mod host_flags {
     pub const STATION_ESTIMATED: u16 = 1 << 15;
 }
 
+/// Flags of a section that says itself that it is not to be relied on: what is said of several sections together leaves it out and counts it.
+pub const UNRELIABLE: u16 = flags::DOUBTFUL | flags::NO_ATTITUDE;
+
 /// One side of one scan, in the units of the table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
@@ -133,6 +136,12 @@ impl Row {
         let (geodetic, turn) = self.position.geodetic.zip(self.position.turn)?;
         let [east, north, _] = turn.of_level([0.0, y_m, 0.0]);
         Some(shifted(geodetic, [east, north, 0.0]))
+    }
+
+    /// Whether it does not say itself [`UNRELIABLE`].
+    #[must_use]
+    pub fn is_reliable(&self) -> bool {
+        self.flags & UNRELIABLE == 0
     }
 
     /// `left` or `right`.

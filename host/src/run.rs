@@ -6,7 +6,7 @@
 
 use std::collections::VecDeque;
 
-use crossfall_core::instrument::{Event, FIRMWARE, Identity, Instrument, Line};
+use crossfall_core::instrument::{Event, FIRMWARE, Identity, Instrument};
 use crossfall_core::protocol::frame::{MAX_MESSAGE_FRAME, Sequencer};
 use crossfall_core::protocol::message::{Message, Status};
 use crossfall_core::protocol::ranges::MAX_CODE;
@@ -15,6 +15,7 @@ use crossfall_core::sensors::{Scanner, cola};
 
 use crate::capture::{self, Channel, Chunk};
 use crate::scanner::{self, Family};
+use crate::wire::Wire;
 use crate::{container, log, output};
 
 /// Bytes that may wait for their turn: capture chunks that claim to overlap by more are taken as they come.
@@ -197,13 +198,6 @@ pub(crate) struct Wires {
     ins: Wire,
 }
 
-struct Wire {
-    line: Line,
-    chunks: VecDeque<Chunk>,
-    taken: usize,
-    waiting: usize,
-}
-
 impl Wires {
     /// Nothing waits.
     pub(crate) fn new(config: &Config, family: Family) -> Self {
@@ -239,7 +233,7 @@ impl Wires {
             let lidar = self.lidar.next_arrival();
             let ins = self.ins.next_arrival();
             let next = pulse.min(lidar).min(ins);
-            let crowded = self.lidar.waiting + self.ins.waiting > MAX_WAITING;
+            let crowded = self.lidar.waiting() + self.ins.waiting() > MAX_WAITING;
             if next == u64::MAX || (!crowded && until_ns.is_some_and(|until| next >= until)) {
                 return;
             }
@@ -260,35 +254,5 @@ impl Wires {
                 instrument.ins_byte(byte, DeviceTime(at_ns / 1_000), &mut |event| send(now, event));
             }
         }
-    }
-}
-
-impl Wire {
-    fn new(baud: u32) -> Self {
-        Self { line: Line::new(baud), chunks: VecDeque::new(), taken: 0, waiting: 0 }
-    }
-
-    fn push(&mut self, chunk: Chunk) {
-        if !chunk.data.is_empty() {
-            self.waiting += chunk.data.len();
-            self.chunks.push_back(chunk);
-        }
-    }
-
-    fn next_arrival(&self) -> u64 {
-        self.chunks.front().map_or(u64::MAX, |chunk| self.line.next_arrival(chunk.device_time_ns))
-    }
-
-    /// The next byte and its arrival; only called when there is one.
-    fn take(&mut self) -> (u8, u64) {
-        let Some(chunk) = self.chunks.front() else { return (0, u64::MAX) };
-        let (byte, at_ns) = (chunk.data[self.taken], self.line.take(chunk.device_time_ns));
-        self.taken += 1;
-        self.waiting -= 1;
-        if self.taken == chunk.data.len() {
-            self.chunks.pop_front();
-            self.taken = 0;
-        }
-        (byte, at_ns)
     }
 }

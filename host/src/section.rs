@@ -6,6 +6,7 @@ use crossfall_core::protocol::message::{Message, Profile, Side, Slope};
 
 use crate::container::Error;
 use crate::interrupt;
+use crate::intervals::median;
 use crate::profiles::degrees;
 use crate::walk::Walk;
 
@@ -90,14 +91,7 @@ fn of_side(side: &Side, left: bool, points: &[Place], room: &mut Vec<f64>) -> [O
     let metres = |um: i32| f64::from(um) * 1e-6;
     let mut through = |part: Part, slope_deg: f64, ci95_deg: Option<f64>, from: f64, to: f64| {
         let rise = slope_deg.to_radians().tan() * if left { 1.0 } else { -1.0 };
-        let (low, high) = (from.min(to), from.max(to));
-        room.clear();
-        room.extend(points.iter().filter(|(y, _)| (low..=high).contains(y)).map(|(y, z)| z - rise * y));
-        if room.is_empty() {
-            return None;
-        }
-        let half = room.len() / 2;
-        let base = *room.select_nth_unstable_by(half, f64::total_cmp).1;
+        let base = height_at_sensor(points.iter().copied(), rise, (from, to), room)?;
         let place = |y: f64| (y, base + rise * y);
         Some(Fitted { part, left, inner: place(from), outer: place(to), slope_deg, ci95_deg })
     };
@@ -111,6 +105,20 @@ fn of_side(side: &Side, left: bool, points: &[Place], room: &mut Vec<f64>) -> [O
     };
     let adjacent = slope(Part::Adjacent, side.adjacent);
     [road, adjacent, slope(Part::Opposing, side.opposing)]
+}
+
+/// The height under the sensor of a line whose rise to the left is known: the median of what the points between two lateral distances make of it;
+/// nothing without points.
+pub(crate) fn height_at_sensor(
+    points: impl Iterator<Item = Place>,
+    rise: f64,
+    (from, to): (f64, f64),
+    room: &mut Vec<f64>,
+) -> Option<f64> {
+    let (low, high) = (from.min(to), from.max(to));
+    room.clear();
+    room.extend(points.filter(|(y, _)| (low..=high).contains(y)).map(|(y, z)| z - rise * y));
+    median(room)
 }
 
 /// Slopes of small pieces along a section: at each lateral distance, that of a window such as a four-foot level would lie on.

@@ -1,5 +1,6 @@
 //! What is handed in, held against the truth of a simulated drive: stations, positions, slopes by the stretch, clouds; data sets that were stopped.
 
+use std::f64::consts::PI;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -35,13 +36,17 @@ impl Made {
 }
 
 fn make(scene: Scene) -> Made {
+    make_with(scene, &Config::default())
+}
+
+fn make_with(scene: Scene, config: &Config) -> Made {
     let folder = tempfile::tempdir().unwrap();
     let capture_path = folder.path().join("drive.mcap");
     let mut capture = Writer::create(&capture_path).unwrap();
     let truth = simulate::simulate(&scene, &mut capture, |_| ()).unwrap().truth;
     capture.finish().unwrap();
     let mut writer = log::Writer::create(&folder.path().join("drive.log.mcap")).unwrap();
-    crossfall::run::run(&mut Reader::open(&capture_path).unwrap(), &Config::default(), &mut writer, |_| ()).unwrap();
+    crossfall::run::run(&mut Reader::open(&capture_path).unwrap(), config, &mut writer, |_| ()).unwrap();
     writer.finish().unwrap();
     let rows = Rows::open(&folder.path().join("drive.log.mcap")).unwrap().collect();
     Made { folder, scene, truth, rows }
@@ -223,18 +228,19 @@ fn a_cloud_lies_on_the_simulated_ground() {
     let start = made.rows[0].position.geodetic.unwrap();
     let utm = Utm::around(start).unwrap();
     let drive = Drive::read(&made.log(), |_| ()).unwrap();
-    let mut along = crossfall::along::Along::new(&drive).unwrap();
+    let way = drive.way().unwrap();
     let first_m = drive.span_m().unwrap().0;
     let mut checked = 0;
     for point in points.iter().step_by(997).filter(|point| u8::from(point.classification) == Class::Road as u8) {
         let place = utm.geodetic([point.x, point.y, point.z]).unwrap();
-        let Some(found) = along.find(place) else { continue };
+        let Some(station_m) = way.station_m(place) else { continue };
         // The section that was under the vehicle there, and the vehicle's height.
-        let at = found.station_m - first_m + made.truth[0].station_m;
+        let at = station_m - first_m + made.truth[0].station_m;
         let Some(truth) = made.truth.iter().find(|row| row.station_m >= at) else { continue };
-        let scan = &drive.scans[truth.scan];
-        let ground =
-            scan.place[2] - truth.section.height_m + found.left_m * truth.section.cross_slope_deg.to_radians().tan();
+        let Some([scan, next]) = drive.scans.get(truth.scan..truth.scan + 2) else { continue };
+        let (ahead, there) = (between(scan.place, next.place), between(scan.place, place));
+        let left_m = (ahead[0] * there[1] - ahead[1] * there[0]) / ahead[0].hypot(ahead[1]);
+        let ground = scan.place[2] - truth.section.height_m + left_m * truth.section.cross_slope_deg.to_radians().tan();
         assert!((point.z - ground).abs() < 0.12, "station {at}: {} {ground}", point.z);
         checked += 1;
     }
@@ -265,12 +271,12 @@ fn a_stopped_data_set_goes_on_where_it_was() {
         })
         .collect();
     let set = folder.path().join("set");
-    let take_in = |logs: &[PathBuf]| {
+    let take_in_every = |logs: &[PathBuf], every: Option<Every>| {
         let outcomes = Mutex::new(Vec::new());
         dataset::take_in(
             logs,
             Some("I-80"),
-            None,
+            every,
             &set,
             |_, _| (),
             |_, outcome| outcomes.lock().unwrap().push(outcome),
@@ -278,12 +284,23 @@ fn a_stopped_data_set_goes_on_where_it_was() {
         .unwrap();
         outcomes.into_inner().unwrap()
     };
+    let take_in = |logs: &[PathBuf]| take_in_every(logs, None);
     let first = take_in(&logs[..2]);
     assert!(first.iter().all(|outcome| outcome.as_ref().unwrap().rows == Some(made.rows.len() as u64)));
     assert!(set.join("road=I-80/date=2026-01-06/run0.parquet").exists(), "{:?}", first[0]);
     let second = take_in(&logs);
     let written = second.iter().filter(|outcome| outcome.as_ref().unwrap().rows.is_some()).count();
     assert_eq!((second.len(), written), (3, 1), "what was finished is left as it is");
+
+    // Made in another way it is another table; of the same way, the same.
+    let rows = |every| take_in_every(&logs[..1], every)[0].as_ref().unwrap().rows;
+    let tens = Some(Every { metres: 10.0 });
+    assert!(rows(tens).is_some_and(|rows| rows < made.rows.len() as u64 / 2));
+    assert_eq!((rows(tens), rows(None), rows(None)), (None, Some(made.rows.len() as u64), None));
+    // A log in the place of another, older than it as a copy that keeps its time is.
+    let earlier = fs::metadata(&logs[0]).unwrap().modified().unwrap() - Duration::from_secs(86_400);
+    fs::File::options().write(true).open(&logs[0]).unwrap().set_modified(earlier).unwrap();
+    assert_eq!((rows(None), rows(None)), (Some(made.rows.len() as u64), None));
 
     // A log that is none fails alone.
     let broken = folder.path().join("broken.log.mcap");
@@ -360,6 +377,7 @@ fn an_export_has_every_profile_under_schemas_that_viewers_know() {
     let told = export::foxglove(&made.log(), &file, |_| ()).unwrap();
     assert_eq!(told.profiles, made.truth.len() as u64);
     let bytes = fs::read(&file).unwrap();
+    assert_eq!(angles_of_the_scan(&bytes), (0.0, PI));
     let mut counts = std::collections::BTreeMap::new();
     for message in mcap::MessageStream::new(&bytes).unwrap() {
         let message = message.unwrap();
@@ -385,6 +403,71 @@ fn an_export_has_every_profile_under_schemas_that_viewers_know() {
         ]
     );
     assert!(counts.values().all(|count| *count == told.profiles), "{counts:?}");
+}
+
+/// The first and the last angle of the first scan of an export; every scan's returns lie where its points do, to within some degrees of roll.
+fn angles_of_the_scan(export: &[u8]) -> (f64, f64) {
+    let mut first = None;
+    let mut angles = (0.0, 0.0);
+    let mut ranges: Vec<f64> = Vec::new();
+    for message in mcap::MessageStream::new(export).unwrap() {
+        let message = message.unwrap();
+        let json: serde_json::Value = serde_json::from_slice(&message.data).unwrap();
+        match &*message.channel.topic {
+            "/scan" => {
+                angles = (json["start_angle"].as_f64().unwrap(), json["end_angle"].as_f64().unwrap());
+                first.get_or_insert(angles);
+                ranges = serde_json::from_value(json["ranges"].clone()).unwrap();
+            }
+            "/points" => {
+                let step = (angles.1 - angles.0) / (ranges.len() - 1) as f64;
+                let places = ranges.iter().enumerate().filter(|(_, range)| **range > 0.0);
+                let mut right: Vec<f64> =
+                    places.map(|(beam, range)| range * (angles.0 + beam as f64 * step).cos()).collect();
+                let data = base64(json["data"].as_str().unwrap());
+                let left = data.chunks(12).map(|point| f32::from_le_bytes(point[4..8].try_into().unwrap()));
+                let mut left: Vec<f64> = left.map(f64::from).collect();
+                assert_eq!(left.len(), right.len());
+                // Whatever the order of either.
+                left.sort_by(|a, b| b.total_cmp(a));
+                right.sort_by(f64::total_cmp);
+                for (left, right) in left.iter().zip(&right) {
+                    assert!((right + left).abs() < 0.02 * left.abs() + 0.2, "{right} {left}");
+                }
+            }
+            _ => {}
+        }
+    }
+    first.unwrap()
+}
+
+fn base64(text: &str) -> Vec<u8> {
+    let digit = |c: u8| match c {
+        b'A'..=b'Z' => c - b'A',
+        b'a'..=b'z' => c - b'a' + 26,
+        b'0'..=b'9' => c - b'0' + 52,
+        b'+' => 62,
+        _ => 63,
+    };
+    let groups = text.trim_end_matches('=').as_bytes().chunks(4);
+    let bytes = groups.flat_map(|group| {
+        let bits = group.iter().fold(0_u32, |bits, c| bits << 6 | u32::from(digit(*c))) << (6 * (4 - group.len()));
+        bits.to_be_bytes()[1..group.len()].to_vec()
+    });
+    bytes.collect()
+}
+
+#[test]
+fn an_export_of_a_mirrored_scanner_has_its_returns_on_their_side() {
+    let mut scene = Scene::default();
+    scene.drive.seconds = 2.0;
+    scene.scanner.mirrored = true;
+    let mut config = Config::default();
+    config.scanner.mirrored = true;
+    let made = make_with(scene, &config);
+    let file = made.folder.path().join("drive.foxglove.mcap");
+    export::foxglove(&made.log(), &file, |_| ()).unwrap();
+    assert_eq!(angles_of_the_scan(&fs::read(&file).unwrap()), (PI, 0.0));
 }
 
 /// The Python beside the build that `cargo xtask setup` furnishes, or the one that is named.

@@ -1,7 +1,7 @@
 //! `crossfall compare`: repeat drives against each other, a drive against measurements by hand, two attitude sources on one drive.
 //!
 //! Logs of one road are matched by station on the first one's track; the table gives the mean absolute variation of adjacent, opposing and all
-//! slopes, as the positions have it and after shifting the drives by what makes the slopes agree best. `--manual` holds each
+//! slopes, as the positions have it and, without `--over`, after shifting the drives by what makes the slopes agree best. `--manual` holds each
 //! log against a table with the columns side, slope, slope_deg and station_m (or latitude_deg and longitude_deg). A capture with a second
 //! inertial unit (channel `ins2`) gives the mean and RMS difference of the two. Exit 1 when nothing could be matched.
 
@@ -207,7 +207,6 @@ fn repeat_text(found: &Repeat) -> String {
     let mut line = |name: &str, [adjacent, opposing, all]: [&Agreement; 3], shift: Option<f64>| {
         let expected = all.expected_deg.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}\u{b0}"));
         let shift = shift.map_or_else(String::new, |metres| format!("{metres:+.2} m"));
-        let degrees = |agreement: &Agreement| format!("{:.3}\u{b0}", agreement.mean_absolute_deg);
         text += &format!(
             "\n{name:<34}{:>10}{:>10}{:>10}{expected:>10}{:>10}{shift:>9}",
             degrees(adjacent),
@@ -232,23 +231,30 @@ fn repeat_text(found: &Repeat) -> String {
     text + &format!("\nagainst {}", found.reference)
 }
 
+/// The mean magnitude, where anything was matched.
+fn degrees(agreement: &Agreement) -> String {
+    match agreement.matched {
+        0 => "-".to_owned(),
+        _ => format!("{:.3}\u{b0}", agreement.mean_absolute_deg),
+    }
+}
+
 fn manual_text(found: &[Manual]) -> String {
     let mut text = format!(
         "{:<34}{:>10}{:>10}{:>10}{:>10}{:>10}",
         "mean absolute error against hand", "adjacent", "opposing", "all", "mean", "matched"
     );
     for held in found {
-        let degrees = |agreement: &Agreement| match agreement.matched {
+        let mean = match held.all.matched {
             0 => "-".to_owned(),
-            _ => format!("{:.3}\u{b0}", agreement.mean_absolute_deg),
+            _ => format!("{:+.3}\u{b0}", held.all.mean_deg),
         };
         text += &format!(
-            "\n{:<34}{:>10}{:>10}{:>10}{:>10}{:>10}",
+            "\n{:<34}{:>10}{:>10}{:>10}{mean:>10}{:>10}",
             shortened(&held.drive),
             degrees(&held.adjacent),
             degrees(&held.opposing),
             degrees(&held.all),
-            format!("{:+.3}\u{b0}", held.all.mean_deg),
             held.all.matched
         );
     }
@@ -267,11 +273,7 @@ fn shortened(name: &str) -> String {
 
 /// Draws repeat drives as the paper's figure 7b.
 pub fn draw_repeat(found: &Repeat, path: &Path, theme: plot::Theme) -> anyhow::Result<()> {
-    let dots: Vec<Twice> = found
-        .dots
-        .iter()
-        .map(|dot| Twice { kind: dot.kind, first_deg: dot.first_deg, other_deg: dot.other_deg, half_deg: None })
-        .collect();
+    let dots: Vec<Twice> = found.dots.iter().map(Twice::from).collect();
     let note = format!(
         "mean absolute variation: adjacent {:.2}\u{b0}, opposing {:.2}\u{b0}, all {:.2}\u{b0}, {} pairs",
         found.adjacent.mean_absolute_deg,
@@ -290,10 +292,7 @@ pub fn draw_repeat(found: &Repeat, path: &Path, theme: plot::Theme) -> anyhow::R
 
 /// Draws measurements by hand as the paper's figure 7a.
 pub fn draw_manual(found: &[Manual], path: &Path, theme: plot::Theme) -> anyhow::Result<()> {
-    let held = found.iter().flat_map(|manual| &manual.held);
-    let dots: Vec<Twice> = held
-        .map(|h| Twice { kind: h.slope, first_deg: h.manual_deg, other_deg: h.measured_deg, half_deg: None })
-        .collect();
+    let dots: Vec<Twice> = found.iter().flat_map(|manual| &manual.held).map(Twice::from).collect();
     let matched: usize = found.iter().map(|manual| manual.all.matched).sum();
     let sum: f64 = found.iter().map(|manual| manual.all.mean_absolute_deg * manual.all.matched as f64).sum();
     let note = format!("mean absolute error {:.2}\u{b0}, {matched} measurements", sum / matched.max(1) as f64);

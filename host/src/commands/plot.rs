@@ -8,7 +8,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use clap::ValueEnum;
-use crossfall::along::Along;
 use crossfall::cloud::Stretch;
 use crossfall::drive::{Drive, SLOPES};
 use crossfall::plot::{self, Series, TruthAt};
@@ -193,21 +192,21 @@ pub fn slopes(canvas: &Canvas<'_>, drives: &[Drive], names: &[String], truth: &T
         .zip(truth)
         .map(|(name, truth)| Series { name: (*name).to_owned(), drives: Vec::new(), truth: truth.clone() })
         .collect();
-    let mut along = (drives.len() > 1).then(|| Along::new(first)).flatten();
+    let way = (drives.len() > 1).then(|| first.way()).flatten();
     for (number, drive) in drives.iter().enumerate() {
         let places: Vec<Option<f64>> = drive
             .scans
             .iter()
-            .map(|scan| match (&mut along, number) {
-                (Some(along), 1..) => along.find(scan.place).map(|found| found.station_m),
+            .map(|scan| match (&way, number) {
+                (Some(way), 1..) => way.station_m(scan.place),
                 _ => Some(scan.station_m).filter(|station| station.is_finite()),
             })
             .collect();
         for (slope, series) in series.iter_mut().enumerate() {
             let measured = drive.scans.iter().zip(&places).filter_map(|(scan, place)| {
-                let (value, ci95) = scan.slopes[slope];
-                let half = if ci95.is_finite() { f64::from(ci95) } else { 0.0 };
-                value.is_finite().then_some(((*place)? - start, f64::from(value), half))
+                let (value, ci95) = scan.reliable(slope)?;
+                let half = if ci95.is_finite() { ci95 } else { 0.0 };
+                Some(((*place)? - start, value, half))
             });
             let mut measured: Vec<_> = measured.collect();
             measured.sort_by(|a, b| a.0.total_cmp(&b.0));

@@ -117,6 +117,12 @@ fn fused(args: &Args, first: &Path, second: &Path) -> anyhow::Result<Outcome> {
         output.commit()?;
         tell!("{}: {} stretches", args.output.display(), stretches.len());
     }
+    for (drive, log) in [(&one, first), (&other, second)] {
+        let unreliable = drive.unreliable(0);
+        if unreliable > 0 {
+            tell!("{}: {unreliable} sections left out that say themselves unreliable on the left", log.display());
+        }
+    }
     let damage = one.health.damage + other.health.damage;
     if damage > 0 {
         tell!("{damage} damaged, broken or missing parts passed over; see `crossfall verify`");
@@ -146,7 +152,7 @@ fn many(args: &Args, logs: &[PathBuf]) -> anyhow::Result<Outcome> {
             Ok(written) => {
                 match written.rows {
                     Some(rows) => tell!("{}: {rows} rows", written.path.display()),
-                    None => tell!("{}: is there and newer than its log", written.path.display()),
+                    None => tell!("{}: is there, of this log and as asked for", written.path.display()),
                 }
                 if losses(&logs[number], &written) {
                     lost.store(true, Ordering::Relaxed);
@@ -169,6 +175,13 @@ fn many(args: &Args, logs: &[PathBuf]) -> anyhow::Result<Outcome> {
 fn losses(log: &Path, written: &Written) -> bool {
     if written.unplaced > 0 {
         tell!("{}: {} rows without a station belong to no stretch and are left out", log.display(), written.unplaced);
+    }
+    if written.unreliable > 0 {
+        tell!(
+            "{}: {} rows that say themselves unreliable (doubtful, no_attitude) have no part in their stretches",
+            log.display(),
+            written.unreliable
+        );
     }
     if written.damage > 0 {
         tell!(
@@ -202,11 +215,18 @@ fn summary(log: &Path, json: bool) -> anyhow::Result<Outcome> {
     miles.sort_by(|a, b| a.from_m.total_cmp(&b.from_m).then(b.left.cmp(&a.left)));
     if json {
         let miles: Vec<_> = miles.iter().map(as_json).collect();
-        say_json(&serde_json::json!({ "miles": miles, "unplaced": gather.unplaced(), "damage": rows.damage() }))?;
+        say_json(&serde_json::json!({
+            "miles": miles, "unplaced": gather.unplaced(), "unreliable": gather.unreliable(), "damage": rows.damage()
+        }))?;
     } else {
         say(&as_text(&miles))?;
     }
-    let written = Written { path: PathBuf::new(), rows: None, damage: rows.damage(), unplaced: gather.unplaced() };
+    let written = Written {
+        damage: rows.damage(),
+        unplaced: gather.unplaced(),
+        unreliable: gather.unreliable(),
+        ..Written::default()
+    };
     Ok(Outcome::lost_if(losses(log, &written)))
 }
 
@@ -221,6 +241,7 @@ fn as_json(mile: &Interval) -> serde_json::Value {
         "mile": (mile.from_m / MILE_M).round() as i64,
         "side": if mile.left { "left" } else { "right" },
         "scans": mile.scans,
+        "unreliable_scans": mile.unreliable,
         "adjacent": slope(mile.adjacent),
         "opposing": slope(mile.opposing),
     })
@@ -229,12 +250,12 @@ fn as_json(mile: &Interval) -> serde_json::Value {
 /// One line a mile and side: as many data points as there are slopes, and what they say.
 fn as_text(miles: &[Interval]) -> String {
     let mut text = format!(
-        "{:>5} {:<6}{:>8}{:>20}{:>7}{:>9}{:>20}{:>7}{:>9}",
-        "mile", "side", "scans", "adjacent", "sd", "points", "opposing", "sd", "points"
+        "{:>5} {:<6}{:>8}{:>10}{:>20}{:>7}{:>9}{:>20}{:>7}{:>9}",
+        "mile", "side", "scans", "left out", "adjacent", "sd", "points", "opposing", "sd", "points"
     );
     for mile in miles {
         let side = if mile.left { "left" } else { "right" };
-        text += &format!("\n{:>5.0} {side:<6}{:>8}", mile.from_m / MILE_M, mile.scans);
+        text += &format!("\n{:>5.0} {side:<6}{:>8}{:>10}", mile.from_m / MILE_M, mile.scans, mile.unreliable);
         for slope in [mile.adjacent, mile.opposing] {
             text += &match slope.map(|slope| slope.slope_deg) {
                 Some(over) => format!(

@@ -74,7 +74,8 @@ fn best_shift(courses: &[(&[Sample], &[Sample])], within_m: f64) -> Option<f64> 
         })
         .collect();
     let known = costs.iter().enumerate().filter_map(|(i, (shift, cost))| Some((i, *shift, (*cost)?)));
-    let (best, shift_m, least) = known.min_by(|a, b| a.2.total_cmp(&b.2))?;
+    // Of equal ones the least: what the slopes do not tell is no shift.
+    let (best, shift_m, least) = known.min_by(|a, b| a.2.total_cmp(&b.2).then(a.1.abs().total_cmp(&b.1.abs())))?;
     let around = |i: Option<usize>| i.and_then(|i| costs.get(i)?.1);
     let (Some(before), Some(after)) = (around(best.checked_sub(1)), around(Some(best + 1))) else {
         return Some(shift_m);

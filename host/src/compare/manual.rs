@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use super::matching::{median, place};
-use super::{Agreement, Drive, Kind, Options, Way};
+use super::{Agreement, Drive, Kind, Options};
 
 /// One measurement by hand.
 #[derive(Clone, Debug, PartialEq)]
@@ -145,7 +145,7 @@ pub fn read(path: &Path) -> Result<Vec<Measurement>, Error> {
 /// Holds a drive against measurements. With `magnitudes` both lose their sign first.
 #[must_use]
 pub fn hold(drive: &Drive, measurements: &[Measurement], options: &Options, magnitudes: bool) -> Manual {
-    let way = Way::of(&drive.rows);
+    let way = drive.way();
     let single = Options { over_m: None, ..*options };
     let placed = place(&drive.rows, way.as_ref(), &single);
     let sized = |slope: f64| if magnitudes { slope.abs() } else { slope };

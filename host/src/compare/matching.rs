@@ -1,8 +1,8 @@
 //! Slopes along a track, and which of two drives' belong together.
 
+use super::{Kind, Options};
 use crate::profiles::Row;
-
-use super::{Kind, Options, UNRELIABLE, Way};
+use crate::way::Way;
 
 /// A slope at a place of the road.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,7 +59,7 @@ pub fn place(rows: &[Row], way: Option<&Way>, options: &Options) -> Placed {
             onward += usize::from(station_m > last);
             back += usize::from(station_m < last);
         }
-        if row.flags & UNRELIABLE != 0 {
+        if !row.is_reliable() {
             placed.unreliable += 1;
             continue;
         }
@@ -93,7 +93,7 @@ fn medians(samples: &[Sample], over_m: f64) -> Vec<Sample> {
         .collect()
 }
 
-/// The median of values, of which there must be one at least.
+/// The median of values, of which there must be one at least: a value that was measured, the upper of the middle two of an even number.
 pub fn median(mut values: Vec<f64>) -> f64 {
     let middle = values.len() / 2;
     *values.select_nth_unstable_by(middle, f64::total_cmp).1

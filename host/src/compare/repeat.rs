@@ -4,7 +4,8 @@ use serde::Serialize;
 
 use super::align::aligned;
 use super::matching::{Course, Placed, pairs, place};
-use super::{Agreement, Drive, Kind, Options, Way};
+use super::{Agreement, Drive, Kind, Options};
+use crate::way::Way;
 
 /// One drive held against the first.
 #[derive(Clone, Debug, Serialize)]
@@ -17,7 +18,7 @@ pub struct Pair {
     pub opposing: Agreement,
     /// Both.
     pub all: Agreement,
-    /// The same after shifting the drive by what makes the slopes agree best; absent where there are too few.
+    /// The same after shifting the drive by what makes the slopes agree best; absent where there are too few, and of medians over stretches.
     pub aligned: Option<Aligned>,
     /// Roll of the vehicle at the same places: how differently the two drives lay on the road, and how both units were mounted.
     pub roll: Agreement,
@@ -116,7 +117,7 @@ impl Differences {
 pub fn repeat(drives: &[Drive], options: &Options) -> Option<Repeat> {
     let (reference, others) = drives.split_first().filter(|(_, others)| !others.is_empty())?;
     let mut remarks = Vec::new();
-    let way = Way::of(&reference.rows);
+    let way = reference.way();
     let positioned = |drive: &Drive| drive.rows.iter().any(|row| row.position.geodetic.is_some());
     let way = way.filter(|_| others.iter().all(positioned));
     if way.is_none() {
@@ -143,14 +144,16 @@ pub fn repeat(drives: &[Drive], options: &Options) -> Option<Repeat> {
         let differences = Differences::of(&first.courses, courses, within_m, |kind, first_deg, other_deg| {
             dots.push(Dot { kind, drive: number, first_deg, other_deg });
         });
-        let (moved, moves) = aligned(&first.courses, courses, within_m);
-        let moved = Differences::of(&first.courses, &moved, within_m, |_, _, _| ());
-        let aligned = summed(&moved, &moves);
         together.extend(&differences);
-        if aligned.is_some() {
+        // Medians lie on one grid of stretches: shifts by less than half of one pair the same medians.
+        let moved = options.over_m.is_none().then(|| aligned(&first.courses, courses, within_m));
+        let aligned = moved.and_then(|(moved, moves)| {
+            let moved = Differences::of(&first.courses, &moved, within_m, |_, _, _| ());
+            let aligned = summed(&moved, &moves)?;
             shifted.extend(&moved);
             shifts.extend(moves);
-        }
+            Some(aligned)
+        });
         let [adjacent, opposing, all] = differences.agreements();
         found.push(Pair {
             drive: drive.name.clone(),

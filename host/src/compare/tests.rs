@@ -1,6 +1,7 @@
 use std::f64::consts::PI;
 
 use crossfall_core::protocol::DeviceTime;
+use crossfall_core::protocol::message::flags;
 
 use super::manual::{Measurement, Place};
 use super::*;
@@ -73,6 +74,17 @@ fn an_error_of_position_is_found_from_the_slopes() {
 }
 
 #[test]
+fn slopes_that_are_the_same_everywhere_tell_no_shift() {
+    let mut drives = [drive("first", 0.0, 0.0, 0.0), drive("second", 0.0, 0.0, 0.0)];
+    for row in drives.iter_mut().flat_map(|drive| &mut drive.rows) {
+        for slope in [&mut row.adjacent, &mut row.opposing] {
+            *slope = slope.map(|slope| SlopeRow { slope_deg: -8.0, ..slope });
+        }
+    }
+    assert_eq!(repeat(&drives, &Options::default()).unwrap().aligned.unwrap().shift_m, 0.0);
+}
+
+#[test]
 fn what_says_itself_unreliable_is_left_out_and_counted() {
     let mut drives = [drive("first", 0.0, 0.0, 0.0), drive("second", 0.0, 0.0, 0.0)];
     for row in drives[1].rows.iter_mut().filter(|row| row.scan < 100) {
@@ -91,6 +103,8 @@ fn a_drive_the_other_way_is_not_mixed_in() {
     back.rows.reverse();
     let found = repeat(&[drive("first", 0.0, 0.0, 0.0), back], &Options::default()).unwrap();
     assert_eq!(found.all.matched, 0);
+    // The mean of nothing is no -0.
+    assert!(found.all.mean_absolute_deg.is_sign_positive() && found.all.mean_deg.is_sign_positive());
     assert!(found.remarks.iter().any(|remark| remark.contains("the other way")), "{:?}", found.remarks);
 }
 
@@ -111,6 +125,7 @@ fn medians_over_stretches_take_the_noise_out() {
     let single = repeat(&drives, &Options::default()).unwrap();
     let pooled = repeat(&drives, &Options { over_m: Some(10.0), ..Options::default() }).unwrap();
     assert_eq!(pooled.all.matched, 480);
+    assert!(pooled.aligned.is_none() && pooled.pairs[0].aligned.is_none(), "medians on one grid tell no shift");
     assert!(pooled.all.mean_absolute_deg < single.all.mean_absolute_deg);
 }
 

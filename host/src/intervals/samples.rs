@@ -181,8 +181,8 @@ fn line(values: &[f64]) -> Vec<f64> {
     (0..).take(values.len()).map(|i| base + rise * f64::from(i)).collect()
 }
 
-/// The median; the mean of the middle two of an even number.
-fn median(values: &mut [f64]) -> Option<f64> {
+/// The median, which leaves the values in another order; the mean of the middle two of an even number, nothing of none.
+pub fn median(values: &mut [f64]) -> Option<f64> {
     let half = values.len() / 2;
     if values.is_empty() {
         return None;

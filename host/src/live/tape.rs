@@ -19,6 +19,7 @@ use crossfall_core::protocol::message::{Command, Message, Session};
 use super::commands::Commands;
 use super::session::{Heard, Order};
 use super::state::{Phase, Recording};
+use crate::calendar::Date;
 use crate::record::space::{RESERVE, Space, Watch};
 use crate::record::{ANSWER, Summary, Tape};
 use crate::{log, output};
@@ -433,18 +434,10 @@ pub fn drive_name(text: &str) -> Result<String, String> {
     Ok(name.to_owned())
 }
 
-/// Date and time as they sort: 20260131-235959 (days to a date after Howard Hinnant's `civil_from_days`).
+/// Date and time as they sort: 20260131-235959.
 fn utc(seconds: u64) -> String {
-    let (days, time) = (seconds / 86_400, seconds % 86_400);
-    let shifted = days + 719_468;
-    let era = shifted / 146_097;
-    let day_of_era = shifted % 146_097;
-    let year_of_era = (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let month_from_march = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
-    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
-    let year = year_of_era + era * 400 + u64::from(month <= 2);
+    let Date { year, month, day } = Date::of_unix(seconds);
+    let time = seconds % 86_400;
     format!("{year:04}{month:02}{day:02}-{:02}{:02}{:02}", time / 3_600, time / 60 % 60, time % 60)
 }
 
@@ -466,7 +459,7 @@ mod tests {
     }
 
     #[test]
-    fn dates_are_those_of_the_calendar() {
+    fn dates_sort_as_they_follow() {
         assert_eq!(utc(0), "19700101-000000");
         assert_eq!(utc(951_782_400), "20000229-000000");
         assert_eq!(utc(1_767_225_599), "20251231-235959");

@@ -7,6 +7,7 @@ use crossfall_core::protocol::message::{Profile, Side, Slope};
 use crossfall_core::scan::Points;
 
 use crate::profiles::degrees;
+use crate::section::height_at_sensor;
 
 /// First byte of a section.
 pub const SECTION: u8 = 1;
@@ -142,17 +143,10 @@ fn piece(
     left: bool,
     points: &[Place],
 ) -> Option<Piece> {
-    let rise = slope_deg.to_radians().tan() as f32;
-    let rise = if left { rise } else { -rise };
-    let (low, high) = (from.min(to), from.max(to));
-    let within = points.iter().filter(|(y, _)| (low..=high).contains(y));
-    let mut heights: Vec<f32> = within.map(|(y, z)| z - rise * y).collect();
-    if heights.is_empty() {
-        return None;
-    }
-    let middle = heights.len() / 2;
-    let (_, height, _) = heights.select_nth_unstable_by(middle, f32::total_cmp);
-    let at = |y: f32| (y, *height + rise * y);
+    let rise = slope_deg.to_radians().tan() * if left { 1.0 } else { -1.0 };
+    let places = points.iter().map(|&(y, z)| (y.into(), z.into()));
+    let height = height_at_sensor(places, rise, (from.into(), to.into()), &mut Vec::new())?;
+    let at = |y: f32| (y, (height + rise * f64::from(y)) as f32);
     Some(Piece { slope_deg: slope_deg as f32, ci95_deg, points: count, ends: [at(from), at(to)] })
 }
 

@@ -5,7 +5,8 @@ use plotters::prelude::*;
 
 use super::axes::{Axis, Mark, axes, legend, span, thinned, title};
 use super::{Error, Theme};
-use crate::compare::Kind;
+use crate::compare::manual::Held;
+use crate::compare::{Dot, Kind};
 
 const SIZE: (u32, u32) = (820, 860);
 
@@ -23,6 +24,18 @@ pub struct Twice {
     pub other_deg: f64,
     /// Half width of the other's 95 % interval or of its spread, if it is to be shown.
     pub half_deg: Option<f64>,
+}
+
+impl From<&Dot> for Twice {
+    fn from(dot: &Dot) -> Self {
+        Self { kind: dot.kind, first_deg: dot.first_deg, other_deg: dot.other_deg, half_deg: None }
+    }
+}
+
+impl From<&Held> for Twice {
+    fn from(held: &Held) -> Self {
+        Self { kind: held.slope, first_deg: held.manual_deg, other_deg: held.measured_deg, half_deg: None }
+    }
 }
 
 /// What the picture says.

@@ -1,14 +1,13 @@
 //! Which bytes are due next, and when: the merge of a capture's lines.
 
-use std::collections::VecDeque;
 use std::iter::Peekable;
 
-use crossfall_core::instrument::Line;
 use crossfall_core::protocol::Config;
 
 use super::{MAX_WAITING, PIECE_NS, due};
 use crate::capture::Chunk;
 use crate::container;
+use crate::wire::Wire;
 
 /// What is due.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,11 +33,10 @@ pub struct Schedule<I: Iterator> {
 impl<I: Iterator<Item = Result<Chunk, container::Error>>> Schedule<I> {
     /// Over chunks in the order of their times.
     pub fn new(chunks: I, config: &Config) -> Self {
-        let wire = |baud| Wire { line: Line::new(baud), chunks: VecDeque::new(), taken: 0, waiting: 0 };
         Self {
             chunks: chunks.peekable(),
-            lidar: wire(config.scanner.baud),
-            ins: wire(config.ins.baud),
+            lidar: Wire::new(config.scanner.baud),
+            ins: Wire::new(config.ins.baud),
             damage: Vec::new(),
         }
     }
@@ -49,7 +47,7 @@ impl<I: Iterator<Item = Result<Chunk, container::Error>>> Schedule<I> {
         loop {
             let (lidar, ins) = (self.lidar.next_arrival(), self.ins.next_arrival());
             let waiting = lidar.min(ins);
-            let crowded = self.lidar.waiting + self.ins.waiting > MAX_WAITING;
+            let crowded = self.lidar.waiting() + self.ins.waiting() > MAX_WAITING;
             match self.chunks.peek() {
                 Some(Err(_)) => {
                     if let Some(Err(error)) = self.chunks.next() {
@@ -67,11 +65,11 @@ impl<I: Iterator<Item = Result<Chunk, container::Error>>> Schedule<I> {
                 }
                 _ if waiting == u64::MAX => return None,
                 _ if lidar <= ins => {
-                    self.lidar.take_piece(piece);
+                    self.lidar.take_until(lidar.saturating_add(PIECE_NS), piece);
                     return Some((Due::Lidar, lidar));
                 }
                 _ => {
-                    self.ins.take_piece(piece);
+                    self.ins.take_until(ins.saturating_add(PIECE_NS), piece);
                     return Some((Due::Ins, ins));
                 }
             }
@@ -81,46 +79,6 @@ impl<I: Iterator<Item = Result<Chunk, container::Error>>> Schedule<I> {
     /// What of the capture could not be read.
     pub fn damage(self) -> Vec<String> {
         self.damage
-    }
-}
-
-/// The bytes that wait for one line.
-struct Wire {
-    line: Line,
-    chunks: VecDeque<Chunk>,
-    taken: usize,
-    waiting: usize,
-}
-
-impl Wire {
-    fn push(&mut self, chunk: Chunk) {
-        if !chunk.data.is_empty() {
-            self.waiting += chunk.data.len();
-            self.chunks.push_back(chunk);
-        }
-    }
-
-    fn next_arrival(&self) -> u64 {
-        self.chunks.front().map_or(u64::MAX, |chunk| self.line.next_arrival(chunk.device_time_ns))
-    }
-
-    /// The bytes that arrive within [`PIECE_NS`] of the next.
-    fn take_piece(&mut self, piece: &mut Vec<u8>) {
-        let end = self.next_arrival().saturating_add(PIECE_NS);
-        while let Some(chunk) = self.chunks.front() {
-            let Some(&byte) = chunk.data.get(self.taken) else {
-                self.chunks.pop_front();
-                self.taken = 0;
-                continue;
-            };
-            if self.line.next_arrival(chunk.device_time_ns) >= end {
-                return;
-            }
-            self.line.take(chunk.device_time_ns);
-            piece.push(byte);
-            self.taken += 1;
-            self.waiting -= 1;
-        }
     }
 }
 
@@ -179,7 +137,7 @@ mod tests {
         let (mut piece, mut bytes) = (Vec::new(), 0);
         while schedule.next(&mut piece).is_some() {
             bytes += piece.len();
-            assert!(schedule.lidar.waiting <= MAX_WAITING + 1_000);
+            assert!(schedule.lidar.waiting() <= MAX_WAITING + 1_000);
         }
         assert_eq!(bytes, 4_000_000);
     }

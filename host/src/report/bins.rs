@@ -45,11 +45,11 @@ pub struct Bins {
 pub struct Bin {
     /// Its middle.
     pub at: f64,
-    /// Scans in it.
+    /// Scans in it, also those that have no part in the slopes.
     pub scans: u64,
     /// Where its first scan was.
     pub place: Option<Geodetic>,
-    /// The four slopes, where found.
+    /// The four slopes, where found in sections that can be relied on.
     pub slopes: [Option<Estimate>; 4],
 }
 
@@ -74,10 +74,9 @@ impl Bins {
             let Some((_, bin, samples)) = &mut open else { continue };
             bin.scans += 1;
             bin.place = bin.place.or(scan.place[0].is_finite().then_some(scan.place));
-            for (samples, (slope, ci95)) in samples.iter_mut().zip(scan.slopes) {
-                if slope.is_finite() {
-                    samples.push(Sample::new(f64::from(slope), f64::from(ci95), at));
-                }
+            for (slope, samples) in samples.iter_mut().enumerate() {
+                let found = scan.reliable(slope);
+                found.into_iter().for_each(|(value, ci95)| samples.push(Sample::new(value, ci95, at)));
             }
         }
         bins.close(open);
@@ -120,7 +119,46 @@ pub fn round_length(least: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use crossfall_core::protocol::message::flags;
+
     use super::*;
+    use crate::drive::Scan;
+    use crate::report::tables;
+
+    #[test]
+    fn what_says_itself_unreliable_is_counted_and_has_no_part() {
+        let scans = (0..900).map(|number| {
+            // The right side is doubtful where the left one lost its attitude, and further.
+            let (left, right) = match number {
+                100..220 => (flags::NO_ATTITUDE, flags::NO_ATTITUDE),
+                220..260 => (0, flags::DOUBTFUL),
+                _ => (0, 0),
+            };
+            let slope = |flags: u16| if flags == 0 { (-8.0, 0.1) } else { (-30.0, 0.1) };
+            Scan {
+                number,
+                gps_seconds: f64::NAN,
+                station_m: f64::from(number),
+                place: [f64::NAN; 3],
+                roll_deg: 0.0,
+                slopes: [slope(left), (f32::NAN, f32::NAN), slope(right), (7.0, 0.1)],
+                edges_m: [3.5, -3.5],
+                flags: [left, right],
+            }
+        });
+        let drive = Drive { scans: scans.collect(), ..Drive::default() };
+        let bins = Bins::of(&drive);
+        assert_eq!(bins.list.iter().map(|bin| bin.scans).sum::<u64>(), 900);
+        for (slope, found) in [(0, 780), (1, 0), (2, 740), (3, 740)] {
+            let estimates = || bins.list.iter().filter_map(|bin| bin.slopes[slope]);
+            assert_eq!(estimates().map(|one| one.count).sum::<u64>(), found, "{slope}");
+            assert!(estimates().all(|one| (one.value - if slope == 3 { 7.0 } else { -8.0 }).abs() < 1e-6), "{slope}");
+            assert!((drive.found(slope) - found as f64 / 900.0).abs() < 1e-9);
+        }
+        let miles = tables::miles(&drive);
+        assert!(miles.contains("<td>900</td><td>160</td><td>\u{2212}8.00"), "{miles}");
+        assert!(!miles.contains("<td>13 %") && miles.contains("<td>0 %"), "nothing steeper than 1:4: {miles}");
+    }
 
     #[test]
     fn lengths_are_round() {

@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use super::{escaped, strip::thousands};
+use crate::calendar::{Date, unix_of_gps};
 use crate::drive::{Drive, SLOPES};
 use crate::intervals::{MILE_M, Sample, Samples};
 use crate::profiles::degrees;
@@ -17,7 +18,8 @@ pub fn subtitle(drive: &Drive) -> String {
             let s = (seconds - ahead).rem_euclid(86_400.0) as u64;
             format!("{:02}:{:02}:{:02}", s / 3_600, s / 60 % 60, s % 60)
         };
-        parts.push(format!("{} {} to {} UTC", crate::dataset::date(week, first as u64), clock(first), clock(last)));
+        let date = Date::of_unix(unix_of_gps(week, first as u64));
+        parts.push(format!("{date} {} to {} UTC", clock(first), clock(last)));
     }
     if let Some(scan) = drive.scans.iter().find(|scan| scan.place[0].is_finite()) {
         let [latitude, longitude, _] = scan.place;
@@ -74,12 +76,12 @@ pub fn tiles(drive: &Drive) -> String {
     html
 }
 
-/// One line a mile: the four slopes.
+/// One line a mile: the four slopes, of the sections that can be relied on.
 pub fn miles(drive: &Drive) -> String {
     let Some((from, to)) = drive.span_m() else {
         return "<p>The log has no speed to tell stations from.</p>".to_owned();
     };
-    let mut html = String::from("<table><thead><tr><th>station, miles</th><th>sections</th>");
+    let mut html = String::from("<table><thead><tr><th>station, miles</th><th>sections</th><th>left out</th>");
     for name in SLOPES {
         let _ = write!(html, "<th>{name}</th><th>steeper than 1:4</th>");
     }
@@ -87,23 +89,22 @@ pub fn miles(drive: &Drive) -> String {
     // Miles by station, as in `profiles --summary`: the same sections in each.
     let mile_of = |station_m: f64| (station_m / MILE_M).floor() as i64;
     let first = mile_of(from);
-    let mut sorted: Vec<(u64, [Samples; 4], [u64; 4])> = Vec::new();
-    sorted.resize_with((mile_of(to) - first + 1).max(1) as usize, Default::default);
+    let mut sorted: Vec<Mile> = vec![Mile::default(); (mile_of(to) - first + 1).max(1) as usize];
     for scan in drive.scans.iter().filter(|scan| scan.station_m.is_finite()) {
-        let mile = mile_of(scan.station_m) - first;
-        let Some((scans, samples, steep)) = sorted.get_mut(mile as usize) else { continue };
-        *scans += 1;
-        for ((samples, steep), (slope, ci95)) in samples.iter_mut().zip(steep).zip(scan.slopes) {
-            if slope.is_finite() {
-                samples.push(Sample::new(f64::from(slope), f64::from(ci95), scan.station_m));
-                *steep += u64::from(slope.abs() > 14.036);
-            }
+        let Some(mile) = sorted.get_mut((mile_of(scan.station_m) - first) as usize) else { continue };
+        mile.scans += 1;
+        mile.left_out += u64::from(!scan.is_reliable(0) || !scan.is_reliable(1));
+        for (slope, (samples, steep)) in mile.slopes.iter_mut().enumerate() {
+            let Some((value, ci95)) = scan.reliable(slope) else { continue };
+            samples.push(Sample::new(value, ci95, scan.station_m));
+            *steep += u64::from(value.abs() > 14.036);
         }
     }
-    for (mile, (scans, samples, steep)) in (first..).zip(&sorted) {
+    for (mile, Mile { scans, left_out, slopes }) in (first..).zip(&sorted) {
         let (begin, end) = (mile as f64, (to / MILE_M).min(mile as f64 + 1.0));
         let _ = write!(html, "<tr><td>{begin:.0}\u{2013}{end:.1}</td><td>{}</td>", thousands(*scans as f64));
-        for (samples, steep) in samples.iter().zip(steep) {
+        let _ = write!(html, "<td>{}</td>", thousands(*left_out as f64));
+        for (samples, steep) in slopes {
             match samples.estimate() {
                 Some(one) => {
                     let share = 100.0 * *steep as f64 / one.count as f64;
@@ -115,6 +116,16 @@ pub fn miles(drive: &Drive) -> String {
         html += "</tr>";
     }
     html + "</tbody></table>"
+}
+
+/// What is known of one mile.
+#[derive(Clone, Debug, Default)]
+struct Mile {
+    scans: u64,
+    /// Scans of which one side at least says itself unreliable.
+    left_out: u64,
+    /// Each slope with the number of those steeper than 1:4.
+    slopes: [(Samples, u64); 4],
 }
 
 fn with_interval(value: f64, half: f64) -> String {
@@ -164,9 +175,19 @@ pub fn health(drive: &Drive) -> String {
             );
         }
     }
+    for (side, name) in ["left", "right"].into_iter().enumerate() {
+        let unreliable = drive.unreliable(side);
+        if unreliable > 0 {
+            row(
+                &format!("sections doubtful or without attitude on the {name}: left out of means"),
+                format!("{} ({:.1} %)", count(unreliable), 100.0 * unreliable as f64 / scans),
+                unreliable as f64 * 10.0 < scans,
+            );
+        }
+    }
     for (slope, name) in SLOPES.iter().enumerate() {
         let found = drive.found(slope);
-        row(&format!("{name} slope found"), format!("{:.1} %", 100.0 * found), found > 0.5);
+        row(&format!("{name} slope found and to be relied on"), format!("{:.1} %", 100.0 * found), found > 0.5);
     }
     format!("<table class=\"plain\"><tbody>{rows}</tbody></table>")
 }

@@ -108,11 +108,7 @@ pub fn run(bench: &Bench, report: &mut Report) -> Result<(), Error> {
         line("mean error against the inclinometer", Some(0.36), errors.0, errors.1, mean_magnitude(deviation), "deg");
         line("boards found", None, found(measuring), found(searched), 1.0, "share");
         if range_noise_mm == RANGE_NOISE_MM[1] {
-            let dots: Vec<Twice> = measuring
-                .held
-                .iter()
-                .map(|h| Twice { kind: h.slope, first_deg: h.manual_deg, other_deg: h.measured_deg, half_deg: None })
-                .collect();
+            let dots: Vec<Twice> = measuring.held.iter().map(Twice::from).collect();
             let note = format!("10 mm range noise; mean error {:.3}\u{b0}, the paper\u{2019}s 0.36\u{b0}", errors.0);
             let words = Words {
                 title: "Boards at 2 to 3 m",

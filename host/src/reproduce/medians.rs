@@ -10,7 +10,7 @@ use std::fmt::Write as _;
 use super::pipeline::{BOTH_METHODS, Bench};
 use super::surface_truth::{self, TrueSlope};
 use super::{Error, Line, Picture, RANGE_NOISE_MM, Report, limit, mean_magnitude};
-use crate::compare::{Drive, Kind, Options, Sides, UNRELIABLE, manual};
+use crate::compare::{Drive, Kind, Options, Sides, manual};
 use crate::output;
 use crate::plot::{self, Twice, Words};
 use crate::simulate::scene::{Random, Scene, Surface, Vegetation};
@@ -142,7 +142,7 @@ impl Judged {
             let Some(truth) = truth.get(row.scan as usize) else { continue };
             for kind in Kind::BOTH {
                 let Some(found) = kind.of(row) else { continue };
-                if row.flags & UNRELIABLE != 0 {
+                if !row.is_reliable() {
                     judged.doubtful += 1;
                     continue;
                 }
@@ -170,11 +170,7 @@ fn mean_size(values: &[f64]) -> f64 {
 }
 
 fn picture(held: &manual::Manual, report: &mut Report) -> Result<(), Error> {
-    let dots: Vec<Twice> = held
-        .held
-        .iter()
-        .map(|h| Twice { kind: h.slope, first_deg: h.manual_deg, other_deg: h.measured_deg, half_deg: None })
-        .collect();
+    let dots: Vec<Twice> = held.held.iter().map(Twice::from).collect();
     let note = format!(
         "10 mm range noise, 30 % grass; mean difference {:.2}\u{b0}, the paper\u{2019}s 0.62\u{b0}",
         held.all.mean_absolute_deg

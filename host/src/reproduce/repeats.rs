@@ -103,11 +103,7 @@ fn ideal(scene: &Scene, captured: &Captured, mut drive: Drive, range_noise_mm: f
 }
 
 fn picture(found: &Repeat, report: &mut Report) -> Result<(), Error> {
-    let dots: Vec<Twice> = found
-        .dots
-        .iter()
-        .map(|dot| Twice { kind: dot.kind, first_deg: dot.first_deg, other_deg: dot.other_deg, half_deg: None })
-        .collect();
+    let dots: Vec<Twice> = found.dots.iter().map(Twice::from).collect();
     let note = format!(
         "10 mm range noise, grass, positions of 2 m; mean variation {:.2}\u{b0} adjacent, {:.2}\u{b0} opposing (paper: 0.56\u{b0}, 0.29\u{b0})",
         found.adjacent.mean_absolute_deg, found.opposing.mean_absolute_deg

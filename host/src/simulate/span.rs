@@ -8,6 +8,7 @@ use crossfall_core::sensors::novatel::crc32;
 use super::motion::{Attitude, Place, Track, wrapped_deg};
 use super::noise::{Drift, Noise, Purpose};
 use super::scene::{Ins, Scene};
+use crate::calendar::{Date, WEEK_S, unix_of_gps};
 use crate::leap;
 
 /// One frame.
@@ -188,8 +189,6 @@ impl Line {
     }
 }
 
-const WEEK_S: u64 = 604_800;
-
 /// The week and second of a second counted from the beginning of a week.
 fn in_week(week: u16, seconds: u64) -> (u16, u64) {
     (week.wrapping_add((seconds / WEEK_S) as u16), seconds % WEEK_S)
@@ -211,8 +210,8 @@ fn time_log(week: u16, seconds: u64) -> Vec<u8> {
     for number in [1.0e-9, 2.0e-9, -(ahead as f64)] {
         bytes.extend(f64::to_le_bytes(number));
     }
-    let utc = u64::from(week) * WEEK_S + second - ahead;
-    let (year, month, day) = date(utc / 86_400);
+    let utc = unix_of_gps(week, second);
+    let Date { year, month, day } = Date::of_unix(utc);
     bytes.extend(year.to_le_bytes());
     bytes.extend([month, day, (utc % 86_400 / 3_600) as u8, (utc % 3_600 / 60) as u8]);
     bytes.extend((utc % 60 * 1_000).to_le_bytes()[..4].iter());
@@ -222,38 +221,9 @@ fn time_log(week: u16, seconds: u64) -> Vec<u8> {
     bytes
 }
 
-/// Year, month and day of a day counted from 6 January 1980, by the Gregorian calendar.
-fn date(days: u64) -> (u32, u8, u8) {
-    let leap = |year: u32| year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400));
-    let (mut year, mut rest) = (1980, days + 5);
-    while rest >= if leap(year) { 366 } else { 365 } {
-        rest -= if leap(year) { 366 } else { 365 };
-        year += 1;
-    }
-    let february = if leap(year) { 29 } else { 28 };
-    let mut month = 1;
-    for length in [31, february, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31] {
-        if rest < length {
-            break;
-        }
-        rest -= length;
-        month += 1;
-    }
-    (year, month, rest as u8 + 1)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn dates_follow_the_calendar() {
-        assert_eq!(date(0), (1980, 1, 6));
-        assert_eq!(date(54), (1980, 2, 29));
-        assert_eq!(date(55), (1980, 3, 1));
-        // GPS week 2400 began on 4 January 2026.
-        assert_eq!(date(2_400 * 7), (2026, 1, 4));
-    }
 
     #[test]
     fn latencies_are_as_the_scene_says_and_keep_the_order() {

@@ -78,6 +78,9 @@ impl From<Option<i64>> for Value {
     }
 }
 
+/// Something that a table says of itself beside its rows: a name and a value.
+pub type Note = (Cow<'static, str>, String);
+
 /// Rounds to some decimals. What every format writes, text too: text alone would round a number that lies a hair from halfway the other way
 /// now and then. Zero has no sign.
 #[must_use]
@@ -135,6 +138,8 @@ impl Format {
     }
 }
 
+pub use self::parquet::notes;
+
 /// A table under way.
 pub struct Table<W: Write + Send, R: Record>(Writer<W, R>);
 
@@ -151,9 +156,17 @@ impl<W: Write + Send, R: Record> Table<W, R> {
     /// # Errors
     /// When its beginning cannot be written.
     pub fn new(format: Format, out: W) -> Result<Self, Error> {
+        Self::with_notes(format, out, &[])
+    }
+
+    /// Starts a table with notes, where the format has a place for them: Parquet.
+    ///
+    /// # Errors
+    /// When its beginning cannot be written.
+    pub fn with_notes(format: Format, out: W, notes: &[Note]) -> Result<Self, Error> {
         Ok(Self(match format {
             Format::Csv => Writer::Csv(comma::Table::new(out)?),
-            Format::Parquet => Writer::Parquet(Box::new(parquet::Table::new(out)?)),
+            Format::Parquet => Writer::Parquet(Box::new(parquet::Table::new(out, notes)?)),
             Format::GeoJson => Writer::GeoJson(geojson::Table::new(out)?),
         }))
     }

@@ -1,19 +1,23 @@
 //! Apache Parquet: every column optional, compressed with zstd, in row groups of 65,536 rows.
 //!
 //! Numbers are rounded to their column's decimals before they are written, which the compression rewards. The columns stand in a plain schema:
-//! whole numbers as INT64, others as DOUBLE, text as UTF-8 with a dictionary.
+//! whole numbers as INT64, others as DOUBLE, text as UTF-8 with a dictionary. Notes are the file's key-value metadata.
 
+use std::fs::File;
 use std::io::Write;
 use std::marker::PhantomData;
+use std::path::Path;
 use std::sync::Arc;
 
 use parquet::basic::{Compression, ConvertedType, Repetition, Type as Physical, ZstdLevel};
 use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
+use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
+use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::{ColumnPath, Type};
 
-use super::{Error, Kind, Record, Value, rounded};
+use super::{Error, Kind, Note, Record, Value, rounded};
 
 /// Rows of a group: what is held in memory.
 const GROUP: usize = 65_536;
@@ -36,12 +40,15 @@ struct Cells {
 }
 
 impl<W: Write + Send, R: Record> Table<W, R> {
-    pub fn new(out: W) -> Result<Self, Error> {
+    pub fn new(out: W, notes: &[Note]) -> Result<Self, Error> {
         let mut fields = Vec::new();
         let mut properties = WriterProperties::builder()
             .set_compression(Compression::ZSTD(ZstdLevel::try_new(1)?))
             .set_dictionary_enabled(false)
-            .set_created_by(concat!("crossfall ", env!("CARGO_PKG_VERSION")).to_owned());
+            .set_created_by(concat!("crossfall ", env!("CARGO_PKG_VERSION")).to_owned())
+            .set_key_value_metadata(Some(
+                notes.iter().map(|(key, value)| KeyValue::new(key.to_string(), value.clone())).collect(),
+            ));
         for (name, kind) in R::COLUMNS {
             let (physical, converted) = match kind {
                 Kind::Integer => (Physical::INT64, ConvertedType::NONE),
@@ -107,4 +114,14 @@ impl<W: Write + Send, R: Record> Table<W, R> {
         }
         Ok(self.file.into_inner()?)
     }
+}
+
+/// The notes of a file, in the order in which they were written.
+///
+/// # Errors
+/// When there is no such file, or it is none of this format.
+pub fn notes(path: &Path) -> Result<Vec<Note>, Error> {
+    let reader = SerializedFileReader::new(File::open(path)?)?;
+    let pairs = reader.metadata().file_metadata().key_value_metadata().map_or(&[][..], Vec::as_slice);
+    Ok(pairs.iter().map(|pair| (pair.key.clone().into(), pair.value.clone().unwrap_or_default())).collect())
 }

@@ -76,6 +76,19 @@ fn parquet_reads_back_with_its_nulls() {
 }
 
 #[test]
+fn notes_of_a_parquet_file_read_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("stones.parquet");
+    let noted: [Note; 2] = [("from".into(), "the brook".to_owned()), ("bag".into(), "2".to_owned())];
+    let mut table = Table::with_notes(Format::Parquet, std::fs::File::create(&path).unwrap(), &noted).unwrap();
+    stones().iter().for_each(|stone| table.row(stone).unwrap());
+    table.finish().unwrap();
+    assert_eq!(notes(&path).unwrap(), noted);
+    std::fs::write(&path, b"no table").unwrap();
+    assert!(notes(&path).is_err());
+}
+
+#[test]
 fn a_table_longer_than_a_row_group_is_whole() {
     let mut table = Table::new(Format::Parquet, Vec::new()).unwrap();
     for i in 0..70_000 {
