@@ -82,8 +82,11 @@ pub fn write(
     Ok(cells)
 }
 
+/// What a raster says of a cell.
+type Value = fn(&RasterCell) -> f32;
+
 struct Rasters {
-    floats: [(GeoTiff, fn(&RasterCell) -> f32); 3],
+    floats: [(GeoTiff, Value); 3],
     classes: GeoTiff,
     pixels: Vec<u8>,
 }
