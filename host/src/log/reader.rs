@@ -91,7 +91,7 @@ impl Reader {
             data_end: None,
             done: false,
         };
-        while reader.ready.is_empty() && !reader.done {
+        while reader.ready.is_empty() && !reader.done && !reader.capture {
             reader.advance();
         }
         // What damage there is in a file of another kind does not make it a log.
