@@ -95,7 +95,7 @@ impl Reader {
             done: false,
             stopped: false,
         };
-        while reader.ready.is_empty() && !reader.done {
+        while reader.ready.is_empty() && !reader.done && !reader.capture {
             reader.advance();
         }
         // What damage there is in a file of another kind does not make it a log.

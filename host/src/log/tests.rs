@@ -112,7 +112,7 @@ fn a_capture_is_not_a_log() {
     let path = folder.path().join("a.mcap");
     crate::capture::Writer::create(&path).unwrap().finish().unwrap();
     let error = Reader::open(&path).unwrap_err().to_string();
-    assert!(error.ends_with("not a log: it has no channel `wire`"), "{error}");
+    assert!(error.contains("not a log: it has no channel `wire`; it is a capture"), "{error}");
 }
 
 #[test]
@@ -224,7 +224,7 @@ fn two_writers_never_have_one_file() {
 /// What replaces files must not take the name of one that grows.
 #[cfg(unix)]
 #[test]
-fn a_recording_under_way_is_not_replaced() {
+fn a_recording_is_not_replaced_while_it_grows_nor_when_it_is_done() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     let mut live = Writer::create_live(&path).unwrap();
@@ -234,7 +234,8 @@ fn a_recording_under_way_is_not_replaced() {
     live.frame(1, &[1, 0]).unwrap();
     live.finish().unwrap();
     assert!(!is_being_written(&path));
-    Writer::create(&path).unwrap().finish().unwrap();
+    let error = Writer::create(&path).err().expect("refused").to_string();
+    assert!(error.contains("it is a recording of a board"), "{error}");
 }
 
 /// The head of a chunk without compression whose record has a body of so many bytes.

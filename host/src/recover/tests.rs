@@ -168,7 +168,7 @@ fn files_of_one_recording_become_one_log() {
     assert!(!report.lost, "{report:?}");
     assert_eq!(read(&folder.path("out.mcap")), sent);
     // One is missing: exactly its frames are.
-    let report = recover(&[files[0].clone(), files[2].clone()], &folder.path("out.mcap"), |_, _| ()).unwrap();
+    let report = recover(&[files[0].clone(), files[2].clone()], &folder.path("torn.mcap"), |_, _| ()).unwrap();
     assert_eq!((report.lost, report.frames_lost, report.frames_lost_in_file), (true, 100, 0));
 }
 
