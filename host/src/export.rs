@@ -157,7 +157,10 @@ pub fn foxglove(log: &Path, to: &Path, mut progress: impl FnMut(u64)) -> Result<
 
 fn unix_ns(step: &Step<'_>) -> u64 {
     match step.position.gps {
-        Some((week, seconds)) => unix_of_gps(week, 0) * 1_000_000_000 + (seconds * 1e9).round() as u64,
+        Some((week, seconds)) => {
+            let whole = seconds as u64;
+            unix_of_gps(week, whole) * 1_000_000_000 + ((seconds - whole as f64) * 1e9).round() as u64
+        }
         None => step.profile.time.0.saturating_mul(1_000),
     }
 }

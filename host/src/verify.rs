@@ -49,6 +49,7 @@ pub struct Report {
     /// Whether nothing at all is wrong and every profile was recomputed.
     pub ok: bool,
     /// The files that were read, in their order.
+    #[serde(serialize_with = "all_shown")]
     pub files: Vec<PathBuf>,
     /// Frames in the log, good or bad.
     pub frames: u64,
@@ -206,6 +207,10 @@ fn shown<S: serde::Serializer>(file: &Option<PathBuf>, serializer: S) -> Result<
         Some(file) => serializer.collect_str(&file.display()),
         None => serializer.serialize_none(),
     }
+}
+
+fn all_shown<S: serde::Serializer>(paths: &[PathBuf], to: S) -> Result<S::Ok, S::Error> {
+    to.collect_seq(paths.iter().map(|path| path.display().to_string()))
 }
 
 impl Report {

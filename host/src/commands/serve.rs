@@ -12,6 +12,7 @@ use anyhow::Context;
 use crossfall::live::{Live, Logs, Source};
 use crossfall::record::Device;
 use crossfall::serve::{Access, is_token, random_token, serve};
+use crossfall_core::protocol::Config;
 
 use super::log_args::LogArgs;
 use super::{Outcome, drives, tell};
@@ -77,10 +78,13 @@ pub struct SourceArgs {
 }
 
 impl SourceArgs {
+    /// The configuration that is to be in force; to be read before the board is disturbed.
+    pub fn config(&self) -> anyhow::Result<Option<Config>> {
+        Ok(self.config.as_deref().map(crossfall::config::read).transpose()?)
+    }
+
     /// Begins to look.
-    pub fn start(&self, logs: Logs) -> anyhow::Result<Live> {
-        // Before the board is disturbed.
-        let config = self.config.as_deref().map(crossfall::config::read).transpose()?;
+    pub fn start(&self, logs: Logs, config: Option<Config>) -> anyhow::Result<Live> {
         let source = match (&self.device, &self.file) {
             (Some(device), _) => Source::Device(device.clone()),
             (None, Some(file)) => {
@@ -106,13 +110,13 @@ fn token(text: &str) -> Result<String, String> {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    let logs = args.into.logs()?;
+    let (logs, config) = (args.into.logs()?, args.source.config()?);
     let token = match (&args.token, args.listen.ip().is_loopback()) {
         (Some(token), _) => Some(token.clone()),
         (None, true) => None,
         (None, false) => Some(random_token().context("cannot make a token")?),
     };
-    let live = Arc::new(args.source.start(logs)?);
+    let live = Arc::new(args.source.start(logs, config)?);
     let access = token.clone().map_or(Access::ThisComputer, Access::Token);
     let ready = |address: SocketAddr| match &token {
         None => tell!("open http://{address}/ (Ctrl-C ends)"),

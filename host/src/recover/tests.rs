@@ -45,6 +45,8 @@ impl Folder {
     }
 
     fn recover(&self, name: &str) -> Report {
+        // What was recovered is never written over: the user's to delete.
+        let _absent = fs::remove_file(self.path("out.mcap"));
         recover(&[self.path(name)], &self.path("out.mcap"), |_, _| ()).unwrap()
     }
 }
