@@ -228,7 +228,7 @@ fn poses_that_no_pulse_has_timed_are_refused_their_delay() {
 /// Appends the frames of a log to another, as long as it has lasted less than `seconds`, numbered from `first`.
 fn append(from: &Path, seconds: f64, first: u16, to: &mut log::Writer) {
     let frames: Vec<_> = log::Reader::open(from).expect("a log").map(|frame| frame.expect("a frame")).collect();
-    let end_ns = frames[0].receive_ns + (seconds * 1e9) as u64;
+    let end_ns = frames[0].receive_ns.saturating_add((seconds * 1e9) as u64);
     let mut sequence = first;
     for frame in frames.iter().take_while(|frame| frame.receive_ns < end_ns) {
         let (mut decoder, mut bytes, mut room) = (HostDecoder::new(), frame.bytes.as_slice(), [0; MAX_MESSAGE_FRAME]);
