@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 pub mod arrivals;
+pub mod drives;
 pub mod emulator;
 pub mod fuzzing;
 pub use crossfall::emulated::scanner as lms_emulator;

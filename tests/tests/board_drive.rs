@@ -7,9 +7,9 @@ use std::path::Path;
 
 use crossfall::capture::Channel;
 use crossfall::profiles::{Row, Rows};
-use crossfall::{capture, log, run, verify};
-use crossfall_core::protocol::Config;
+use crossfall::{capture, verify};
 use crossfall_core::protocol::message::Message;
+use crossfall_tests::drives;
 use crossfall_tests::emulator::{Image, Step, image, ram_used, told};
 
 /// Seconds of the drive; a minute with `cargo xtask test --long`.
@@ -87,10 +87,7 @@ fn in_process(folder: &Path, drive: &[capture::Chunk]) -> std::path::PathBuf {
         writer.write(chunk.channel, chunk.device_time_ns, &chunk.data).expect("room on the disk");
     }
     writer.finish().expect("a capture");
-    let mut reader = capture::Reader::open(&capture_path).expect("a capture");
-    let mut writer = log::Writer::create(&log_path).expect("a log");
-    run::run(&mut reader, &Config::default(), &mut writer, |_| ()).expect("a run");
-    writer.finish().expect("a log");
+    drives::log(&capture_path, &log_path);
     log_path
 }
 

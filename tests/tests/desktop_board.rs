@@ -12,10 +12,10 @@ use std::task::{Poll, Waker};
 use std::thread;
 use std::time::Duration as Patience;
 
-use crossfall::capture::{self, Channel};
+use crossfall::capture::Channel;
 use crossfall::emulated::scanner::Scanner;
+use crossfall::log;
 use crossfall::simulate::scene::Scene;
-use crossfall::{log, run, simulate};
 use crossfall_core::instrument::{Decode, Identity};
 use crossfall_core::protocol::frame::{Event, HostDecoder};
 use crossfall_core::protocol::message::{Message, Status};
@@ -28,6 +28,7 @@ use crossfall_firmware::survey::Profiles;
 use crossfall_firmware::work::{Places, WorkQueue, WorkReceiver};
 use crossfall_firmware::{lights, link, now, sensors, survey};
 use crossfall_tests::arrivals::{self, Arrival};
+use crossfall_tests::drives;
 use embassy_executor::{Executor, Spawner};
 use embassy_time::{Duration, MockDriver};
 use embedded_hal::digital::{ErrorType as PinErrors, OutputPin};
@@ -335,14 +336,9 @@ fn the_tasks_stream_what_the_core_alone_makes_of_the_same_bytes() {
     scene.drive.seconds = 8.0;
     // The board boots at 0 and has its scanner up before the drive begins.
     scene.clock.start_s = 3.0;
-    let mut writer = capture::Writer::create(&capture_path).expect("a capture");
-    simulate::simulate(&scene, &mut writer, |_| ()).expect("a drive");
-    writer.finish().expect("a capture");
+    drives::capture(&scene, &capture_path);
 
-    let mut reader = capture::Reader::open(&capture_path).expect("a capture");
-    let mut writer = log::Writer::create(&log_path).expect("a log");
-    run::run(&mut reader, &Config::default(), &mut writer, |_| ()).expect("a run");
-    writer.finish().expect("a log");
+    drives::log(&capture_path, &log_path);
     let frames = log::Reader::open(&log_path).expect("a log").flat_map(|frame| frame.expect("whole").bytes);
     let expected = stream(&frames.collect::<Vec<u8>>());
 

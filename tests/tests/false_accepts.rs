@@ -11,11 +11,12 @@ use std::path::Path;
 
 use crossfall::capture::{self, Channel};
 use crossfall::faults::{Injector, Piece, Spec};
-use crossfall::simulate::{self, scene::Scene};
-use crossfall::{log, run};
+use crossfall::log;
+use crossfall::simulate::scene::Scene;
+use crossfall_core::protocol::DeviceTime;
 use crossfall_core::protocol::frame::{Event, HostDecoder};
-use crossfall_core::protocol::{Config, DeviceTime};
 use crossfall_core::sensors::{lms2xx, novatel};
+use crossfall_tests::drives;
 
 /// Corrupted bytes over all three decoders under `cargo xtask test --long`, and otherwise.
 const BYTES: [u64; 2] = [105_000_000, 3_000_000];
@@ -148,13 +149,8 @@ fn drive(folder: &Path) -> (Pieces, Pieces, Pieces) {
     let (capture_path, log_path) = (folder.join("drive.mcap"), folder.join("drive.log.mcap"));
     let mut scene = Scene::default();
     scene.drive.seconds = 10.0;
-    let mut writer = capture::Writer::create(&capture_path).expect("a capture");
-    simulate::simulate(&scene, &mut writer, |_| ()).expect("a drive");
-    writer.finish().expect("a whole capture");
-    let mut log = log::Writer::create(&log_path).expect("a log");
-    let mut reader = capture::Reader::open(&capture_path).expect("the capture");
-    run::run(&mut reader, &Config::default(), &mut log, |_| ()).expect("a run");
-    log.finish().expect("a whole log");
+    drives::capture(&scene, &capture_path);
+    drives::log(&capture_path, &log_path);
     let line = |wanted| {
         let reader = capture::Reader::open(&capture_path).expect("the capture");
         let chunks = reader.map(|chunk| chunk.expect("a chunk")).filter(move |chunk| chunk.channel == wanted);

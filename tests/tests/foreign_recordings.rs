@@ -4,25 +4,21 @@
 use std::path::Path;
 
 use crossfall::simulate::scene::Scene;
-use crossfall::{capture, log, run, simulate, verify};
+use crossfall::{log, verify};
 use crossfall_core::attitude::HISTORY;
 use crossfall_core::instrument::WAITING;
+use crossfall_core::protocol::Angle;
 use crossfall_core::protocol::frame::{Event, HostDecoder, MAX_MESSAGE_FRAME};
 use crossfall_core::protocol::message::{Hello, Message, Profile};
-use crossfall_core::protocol::{Angle, Config};
+use crossfall_tests::drives;
 
 /// A log of a 40 s drive.
 fn whole(folder: &Path) -> Vec<log::Frame> {
     let (drive, result) = (folder.join("drive.mcap"), folder.join("drive.log.mcap"));
     let mut scene = Scene::default();
     scene.drive.seconds = 40.0;
-    let mut writer = capture::Writer::create(&drive).expect("a capture");
-    simulate::simulate(&scene, &mut writer, |_| ()).expect("a drive");
-    writer.finish().expect("a capture");
-    let mut reader = capture::Reader::open(&drive).expect("a capture");
-    let mut writer = log::Writer::create(&result).expect("a log");
-    run::run(&mut reader, &Config::default(), &mut writer, |_| ()).expect("a run");
-    writer.finish().expect("a log");
+    drives::capture(&scene, &drive);
+    drives::log(&drive, &result);
     log::Reader::open(&result).expect("a log").map(|frame| frame.expect("whole")).collect()
 }
 

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crossfall::log::{self, Options};
 use crossfall::recover::recover;
-use crossfall::simulate::{self, scene::Scene};
+use crossfall::simulate::scene::Scene;
 use crossfall::verify::{Report, verify, verify_all};
 use crossfall::{capture, run};
 use crossfall_core::instrument::{Event, Instrument};
@@ -12,6 +12,7 @@ use crossfall_core::protocol::frame::{MAX_MESSAGE_FRAME, Sequencer};
 use crossfall_core::protocol::message::Command;
 use crossfall_core::protocol::ranges::MAX_CODE;
 use crossfall_core::protocol::{Config, DeviceTime};
+use crossfall_tests::drives;
 
 type Frame = (u64, Vec<u8>);
 
@@ -21,9 +22,7 @@ fn drive(folder: &Path) -> PathBuf {
     let path = folder.join("drive.mcap");
     let mut scene = Scene::default();
     scene.drive.seconds = SECONDS;
-    let mut writer = capture::Writer::create(&path).expect("a capture");
-    simulate::simulate(&scene, &mut writer, |_| ()).expect("a drive");
-    writer.finish().expect("a whole capture");
+    drives::capture(&scene, &path);
     path
 }
 

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use crossfall::simulate::scene::Scene;
-use crossfall::{capture, log, simulate, verify};
+use crossfall::{capture, log, verify};
 use crossfall_core::instrument::{Decode, Event, Identity, Survey};
 use crossfall_core::protocol::frame::{Event as Heard, HostDecoder};
 use crossfall_core::protocol::message::{Message, Skip, Status};
@@ -12,7 +12,7 @@ use crossfall_core::protocol::{Config, DeviceTime};
 use crossfall_firmware::acquisition::Acquisition;
 use crossfall_firmware::outbox::{Outbox, Queue};
 use crossfall_firmware::work::{Places, WorkQueue, WorkReceiver};
-use crossfall_tests::arrivals;
+use crossfall_tests::{arrivals, drives};
 use embassy_futures::poll_once;
 
 /// The survey's side: works off everything that is queued.
@@ -61,9 +61,7 @@ fn what_a_late_survey_has_left_out_is_announced_and_the_log_still_proves_right()
     let (capture, result) = (scratch.path().join("drive.mcap"), scratch.path().join("drive.log.mcap"));
     let mut scene = Scene::default();
     scene.drive.seconds = 12.0;
-    let mut writer = capture::Writer::create(&capture).expect("a capture");
-    simulate::simulate(&scene, &mut writer, |_| ()).expect("a drive");
-    writer.finish().expect("a capture");
+    drives::capture(&scene, &capture);
 
     let begin_s = scene.clock.start_s;
     let (wire, status) = drive(&capture, |at_s| matches!(at_s - begin_s, 3.0..3.1 | 5.0..6.0 | 8.0..8.4));

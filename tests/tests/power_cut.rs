@@ -10,9 +10,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use crossfall::log::{Options, Reader, Storage, Writer};
 use crossfall::recover::recover;
-use crossfall::simulate::{self, scene::Scene};
+use crossfall::simulate::scene::Scene;
 use crossfall::{capture, run};
 use crossfall_core::protocol::Config;
+use crossfall_tests::drives;
 use crossfall_tests::fuzzing::mutate::Draw;
 
 /// The mark at the end of an MCAP file, in bytes.
@@ -93,9 +94,7 @@ fn drive(seconds: f64, folder: &Path) -> Vec<Frame> {
     let (capture_path, log_path) = (folder.join("drive.mcap"), folder.join("drive.log.mcap"));
     let mut scene = Scene::default();
     scene.drive.seconds = seconds;
-    let mut writer = capture::Writer::create(&capture_path).expect("a capture");
-    simulate::simulate(&scene, &mut writer, |_| ()).expect("a drive");
-    writer.finish().expect("a whole capture");
+    drives::capture(&scene, &capture_path);
     let mut log = Writer::create(&log_path).expect("a log");
     let mut reader = capture::Reader::open(&capture_path).expect("the capture");
     run::run(&mut reader, &Config::default(), &mut log, |_| ()).expect("a run");

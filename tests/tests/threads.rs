@@ -2,9 +2,10 @@
 
 use std::path::Path;
 
-use crossfall::simulate::{self, scene::Scene};
+use crossfall::simulate::scene::Scene;
 use crossfall::{capture, log, run, verify};
 use crossfall_core::protocol::Config;
+use crossfall_tests::drives;
 
 fn logged(capture_path: &Path, log_path: &Path) -> Vec<u8> {
     let mut log = log::Writer::create(log_path).expect("a log");
@@ -20,9 +21,7 @@ fn threads_do_not_show_in_the_log() {
     let capture_path = folder.path().join("drive.mcap");
     let mut scene = Scene::default();
     scene.drive.seconds = 4.0;
-    let mut writer = capture::Writer::create(&capture_path).expect("a capture");
-    simulate::simulate(&scene, &mut writer, |_| ()).expect("a drive");
-    writer.finish().expect("a whole capture");
+    drives::capture(&scene, &capture_path);
     let alone = logged(&capture_path, &folder.path().join("alone.mcap"));
     let together: Vec<Vec<u8>> = std::thread::scope(|scope| {
         let (capture_path, folder) = (&capture_path, folder.path());

@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use crossfall::verify::{Report, verify};
-use crossfall::{capture, log, run};
-use crossfall_core::protocol::Config;
+use crossfall::{capture, log};
 use crossfall_core::protocol::frame::{Event, HostDecoder, MAX_MESSAGE_FRAME};
 use crossfall_core::protocol::message::Message;
+use crossfall_tests::drives;
 use crossfall_tests::recordings;
 
 /// One frame of a log: receive time and bytes.
@@ -23,10 +23,7 @@ fn good_log(folder: &Path) -> Option<Vec<Frame>> {
     }
     writer.finish().expect("a whole capture");
     let path = folder.join("good.mcap");
-    let mut log = log::Writer::create(&path).expect("a log");
-    let mut reader = capture::Reader::open(&short).expect("the capture");
-    run::run(&mut reader, &Config::default(), &mut log, |_| ()).expect("a run");
-    log.finish().expect("a whole log");
+    drives::log(&short, &path);
     let frames = log::Reader::open(&path).expect("the log").map(|frame| frame.expect("a frame"));
     Some(frames.map(|frame| (frame.receive_ns, frame.bytes)).collect())
 }

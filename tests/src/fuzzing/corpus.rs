@@ -3,11 +3,13 @@
 use std::path::Path;
 
 use crossfall::capture::{self, Channel};
-use crossfall::simulate::{self, scene::Scene};
-use crossfall::{config, log, run};
+use crossfall::simulate::scene::Scene;
+use crossfall::{config, log};
 use crossfall_core::protocol::Config;
 use crossfall_core::protocol::frame::{Event, HostDecoder, MAX_COMMAND_FRAME};
 use crossfall_core::protocol::message::{Command, Message};
+
+use crate::drives;
 
 use super::mutate::Draw;
 use super::{TARGETS, frames};
@@ -27,13 +29,8 @@ pub fn make(scratch: &Path) -> Corpus {
     let (capture_path, log_path) = (scratch.join("c.mcap"), scratch.join("l.mcap"));
     let mut scene = Scene::default();
     scene.drive.seconds = SECONDS;
-    let mut writer = capture::Writer::create(&capture_path).expect("a capture");
-    simulate::simulate(&scene, &mut writer, |_| ()).expect("a drive");
-    writer.finish().expect("a whole capture");
-    let mut log = log::Writer::create(&log_path).expect("a log");
-    let mut reader = capture::Reader::open(&capture_path).expect("the capture");
-    run::run(&mut reader, &Config::default(), &mut log, |_| ()).expect("a run");
-    log.finish().expect("a whole log");
+    drives::capture(&scene, &capture_path);
+    drives::log(&capture_path, &log_path);
 
     let line = |wanted: Channel| -> Vec<Vec<u8>> {
         let reader = capture::Reader::open(&capture_path).expect("the capture");
