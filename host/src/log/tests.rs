@@ -145,6 +145,13 @@ fn good(path: &Path, count: u64, options: Options) -> Vec<(u64, Vec<u8>)> {
     frames
 }
 
+/// Where in a log the record of the first of its frames begins and that of the last ends.
+fn records(whole: &[u8], written: &[(u64, Vec<u8>)]) -> (usize, usize) {
+    let (first, last) = (&written[0].1, &written.last().unwrap().1);
+    let begin = whole.windows(first.len()).position(|window| window == first).unwrap() - 31;
+    (begin, whole.windows(last.len()).rposition(|window| window == last).unwrap() + last.len())
+}
+
 /// The strongest promise: any bit, anywhere before the summary. All frames but the one that was hit are read, with their times but for at most one, and it is told.
 #[test]
 fn any_flipped_bit_of_a_closed_log_costs_at_most_one_frame_and_is_told() {
@@ -154,8 +161,7 @@ fn any_flipped_bit_of_a_closed_log_costs_at_most_one_frame_and_is_told() {
     let whole = fs::read(&path).unwrap();
     let (clean, errors) = read(&path);
     assert!(errors.is_empty() && clean == written, "{errors:?}");
-    let last = &written.last().unwrap().1;
-    let end = whole.windows(last.len()).rposition(|window| window == last).unwrap() + last.len();
+    let (_, end) = records(&whole, &written);
     let hit = folder.path().join("hit.mcap");
     for at in mcap::MAGIC.len()..end {
         // Every bit up to the first frames, one bit of each byte behind.
@@ -255,9 +261,7 @@ fn chunks_within_each_other_are_read_once() {
     let path = folder.path().join("a.mcap");
     let written = good(&path, 19, Options::default());
     let whole = fs::read(&path).unwrap();
-    let first = whole.windows(written[0].1.len()).position(|window| *window == written[0].1).unwrap() - 31;
-    let last = &written.last().unwrap().1;
-    let end = whole.windows(last.len()).rposition(|window| window == last).unwrap() + last.len();
+    let (first, end) = records(&whole, &written);
     for depth in [5, 100_000] {
         let mut bytes = mcap::MAGIC.to_vec();
         let all = mcap::MAGIC.len() + depth * 49 + end - first;
@@ -280,9 +284,7 @@ fn records_within_each_other_are_not_searched_again_and_again() {
     let path = folder.path().join("a.mcap");
     let written = good(&path, 19, Options::default());
     let whole = fs::read(&path).unwrap();
-    let first = whole.windows(written[0].1.len()).position(|window| *window == written[0].1).unwrap() - 31;
-    let last = &written.last().unwrap().1;
-    let end = whole.windows(last.len()).rposition(|window| window == last).unwrap() + last.len();
+    let (first, end) = records(&whole, &written);
     let (count, step) = (10_000, 9 + 49);
     let mut bytes = mcap::MAGIC.to_vec();
     let all = mcap::MAGIC.len() + count * step + end - first;
