@@ -78,6 +78,7 @@ pub mod capture;
 pub mod cloud;
 pub mod compare;
 pub mod config;
+pub mod contained;
 pub mod container;
 pub mod dataset;
 pub mod drive;

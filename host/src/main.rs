@@ -15,7 +15,11 @@ use commands::{Cli, Outcome};
 fn main() -> ExitCode {
     // A panic is a defect of this program; the user gets a line and not a trace. RUST_BACKTRACE brings the trace back.
     if std::env::var_os("RUST_BACKTRACE").is_none() {
-        std::panic::set_hook(Box::new(|info| eprintln!("crossfall: internal error, please report it: {info}")));
+        std::panic::set_hook(Box::new(|info| {
+            if !crossfall::contained::is_contained() {
+                eprintln!("crossfall: internal error, please report it: {info}");
+            }
+        }));
     }
     // The first Ctrl-C asks every loop to stop and to leave no half-written file; the second one ends the process.
     let handler = ctrlc::set_handler(|| {

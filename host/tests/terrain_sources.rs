@@ -147,6 +147,11 @@ fn what_a_small_file_tells_is_not_believed_before_it_is_held_against_its_size() 
     // Records of 65,535 bytes; 65,536 points; an extended record that reaches to the end of all files.
     assert!(complaint("0.las", &with(&las, 105, &[0xFF; 2])).contains("ends before 1 points of 65535 bytes"));
     assert!(complaint("0.las", &with(&las, 247, &[0, 0, 1])).contains("ends before 65536 points"));
+    // More than fit into 64 bits once they are multiplied by their length.
+    for (name, bytes) in [("0.las", &las), ("0.laz", &laz)] {
+        let told = complaint(name, &with(bytes, 247, &[0xFF; 8]));
+        assert!(told.contains("18446744073709551615 points are more than any frame has"), "{told}");
+    }
     let record = [[0; 20].as_slice(), &[0xFF; 8], &[0; 32]].concat();
     let mut extended = with(&with(&las, 235, &(las.len() as u64).to_le_bytes()), 243, &[1]);
     extended.extend(record);
@@ -155,6 +160,29 @@ fn what_a_small_file_tells_is_not_believed_before_it_is_held_against_its_size() 
     let table = u64::from_le_bytes(laz[first..first + 8].try_into().unwrap()) as usize;
     let told = complaint("0.laz", &with(&laz, table + 4, &[0xFF; 4]));
     assert!(told.contains("4294967295 chunks do not fit"), "{told}");
+}
+
+#[test]
+fn a_damaged_laz_frame_is_told_whatever_its_library_does() {
+    let place = tempfile::tempdir().unwrap();
+    let places: Vec<_> =
+        (0..400u32).map(|index| [500_000.0 + f64::from(index.pow(2) % 977), 4_500_000.0, 1.0]).collect();
+    las_file(&place.path().join("a.laz"), &places);
+    let sound = fs::read(place.path().join("a.laz")).unwrap();
+    let first = u32::from_le_bytes(sound[96..100].try_into().unwrap()) as usize;
+    let mut random = 1u64;
+    let mut below = |bound: usize| {
+        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (random >> 33) as usize % bound
+    };
+    for _ in 0..300 {
+        let mut bytes = sound.clone();
+        bytes[first + below(sound.len() - first)] ^= 1 << below(8);
+        let folder = folder(&[("0.laz", bytes)], IDENTITY);
+        if let Ok(frame) = points(folder.path(), &Choices::default(), 0) {
+            assert_eq!(frame.len(), 400);
+        }
+    }
 }
 
 fn las_file(path: &Path, places: &[[f64; 3]]) {

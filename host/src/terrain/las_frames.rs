@@ -1,6 +1,7 @@
 //! LAS and LAZ frames, one file a frame.
 //!
-//! The library makes room for what a header tells, so what it tells is held against the file's size first.
+//! The library makes room for what a header tells, so what it tells is held against the file's size first. Damaged LAZ makes its decoder divide by
+//! nothing or read beyond its end; so it decodes where a panic ends with the frame.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -9,6 +10,7 @@ use std::path::Path;
 use las::Reader;
 
 use super::frames::{Error, MOST_POINTS};
+use crate::contained::contained;
 
 /// Bytes of points that are read at once.
 const PART: u64 = 4 << 20;
@@ -21,19 +23,27 @@ fn open(path: &Path) -> Result<Reader, Error> {
 /// Number of points that a file's header tells.
 pub(super) fn count(path: &Path) -> Result<u64, Error> {
     // What is wrong is told when the frame is read.
-    Ok(open(path).map_or(0, |reader| reader.header().number_of_points()))
+    Ok(walled(path, || open(path).map(|reader| reader.header().number_of_points())).unwrap_or(0))
+}
+
+/// What a library makes of a file; its panic is damage of the file.
+fn walled<T: Send>(path: &Path, work: impl FnOnce() -> Result<T, Error> + Send) -> Result<T, Error> {
+    let damaged =
+        || Error::Format { path: path.into(), offset: 0, what: "damaged, and the LAZ library cannot go on".into() };
+    contained(work).map_err(|source| Error::Read { path: path.into(), source })?.unwrap_or_else(|| Err(damaged()))
 }
 
 /// Reads a frame.
 ///
 /// # Errors
 /// A file that the library cannot read, or one of more points than any frame has.
-pub(super) fn read(path: &Path, put: &mut impl FnMut([f64; 3], f32)) -> Result<(), Error> {
+pub(super) fn read(path: &Path, put: &mut (impl FnMut([f64; 3], f32) + Send)) -> Result<(), Error> {
+    walled(path, || read_all(path, put))
+}
+
+fn read_all(path: &Path, put: &mut impl FnMut([f64; 3], f32)) -> Result<(), Error> {
     let mut reader = open(path)?;
     let mut left = reader.header().number_of_points();
-    if left > MOST_POINTS {
-        return Err(Error::Large { path: path.into(), bytes: left });
-    }
     let most = PART / u64::from(reader.header().point_format().len()).max(1);
     while left > 0 {
         let part = left.min(most);
@@ -50,7 +60,7 @@ pub(super) fn read(path: &Path, put: &mut impl FnMut([f64; 3], f32)) -> Result<(
     Ok(())
 }
 
-/// Refuses a file that is shorter than its points (LAS), its chunks (LAZ) or its extended records are told to be. What else is wrong with it, and a
+/// Refuses a file of more points than any frame has, and one that is shorter than its points (LAS), its chunks (LAZ) or its extended records are told to be. What else is wrong with it, and a
 /// file that is none of either, is the library's to say.
 fn check(path: &Path) -> Result<(), Error> {
     let failed = |source| Error::Read { path: path.into(), source };
@@ -66,9 +76,13 @@ fn check(path: &Path) -> Result<(), Error> {
     let (first, format, record) = (number(96, 4), head[104], number(105, 2));
     let extended = head[25] >= 4;
     let points = number(107, 4).max(if extended { number(247, 8) } else { 0 });
+    // Further on they are multiplied by their length.
+    if points > MOST_POINTS {
+        return wrong(107, format!("{points} points are more than any frame has ({MOST_POINTS})"));
+    }
     // Either of the upper bits stands for LAZ.
     if format & 0xC0 == 0 {
-        if first.saturating_add(points.saturating_mul(record)) > bytes {
+        if first + points * record > bytes {
             return wrong(
                 bytes,
                 format!("the file ends before {points} points of {record} bytes, which its header tells"),

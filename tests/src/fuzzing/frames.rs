@@ -49,10 +49,19 @@ fn prepare(folder: &Path, kind: usize) {
     }
 }
 
+/// The LAZ library panics on damage, which the reader contains, but libFuzzer ends at any panic: only the suite's mutations try it.
+fn is_laz(kind: usize, bytes: &[u8]) -> bool {
+    FILES[kind].ends_with("laz")
+        || FILES[kind].ends_with("las") && bytes.get(104).is_some_and(|format| format & 0xC0 != 0)
+}
+
 /// Whatever the file holds: opening and reading it ends, with no more points than a frame may have.
 pub fn frames(input: &[u8]) {
     let Some((kind, bytes)) = input.split_first() else { return };
     let kind = usize::from(*kind).min(LAST);
+    if cfg!(fuzzing) && is_laz(kind, bytes) {
+        return;
+    }
     FOLDER.with(|folder| {
         let folder = folder.path().join(kind.to_string());
         let file = folder.join(FILES[kind]);
