@@ -111,5 +111,7 @@ fn instructions_are_within_bounds_and_results_equal_to_the_hosts() {
 
 #[test]
 fn nothing_in_the_core_can_panic() {
-    assert!(image(Image::Proof).is_file());
+    for proof in [Image::Proof, Image::ProofOfMap] {
+        assert!(image(proof).is_file());
+    }
 }

@@ -306,11 +306,12 @@ fn boot(spawner: Spawner, drive: Vec<Arrival>, seen: mpsc::Sender<Seen>) {
     spawner.spawn(bench(shared, ends, scanner, drive, out, lights, seen).expect("spawned once"));
 }
 
-/// The messages that sensors bring about, as text: a frame's number and what the board says of itself are left out.
+/// The messages that sensors bring about, as text, and what the board says in words; a frame's number is left out.
 #[derive(Debug, Default, PartialEq)]
 struct Stream {
     inputs: Vec<String>,
     profiles: Vec<String>,
+    words: Vec<String>,
 }
 
 fn stream(wire: &[u8]) -> Stream {
@@ -321,6 +322,7 @@ fn stream(wire: &[u8]) -> Stream {
             Message::Scan(_) | Message::Pose(_) | Message::Pulse(_) => {
                 stream.inputs.push(format!("{:?}", frame.body));
             }
+            Message::Log(log) => stream.words.push(String::from_utf8_lossy(log.text).into_owned()),
             Message::Profile(profile) => stream.profiles.push(format!("{profile:?}")),
             _ => {}
         }
@@ -334,8 +336,8 @@ fn the_tasks_stream_what_the_core_alone_makes_of_the_same_bytes() {
     let (capture_path, log_path) = (scratch.path().join("drive.mcap"), scratch.path().join("drive.log.mcap"));
     let mut scene = Scene::default();
     scene.drive.seconds = 8.0;
-    // The board boots at 0 and has its scanner up before the drive begins.
-    scene.clock.start_s = 3.0;
+    // The board boots at 0, has its scanner up before the drive begins, and misses the unit.
+    scene.clock.start_s = 6.0;
     drives::capture(&scene, &capture_path);
 
     drives::log(&capture_path, &log_path);
@@ -359,6 +361,9 @@ fn the_tasks_stream_what_the_core_alone_makes_of_the_same_bytes() {
     assert!(measured + crossfall_core::instrument::WAITING >= expected.profiles.len(), "{measured} profiles");
     assert!(streamed.profiles == expected.profiles[..measured], "profiles differ");
 
+    // It sends nothing before the drive begins.
+    let unit: Vec<_> = streamed.words.iter().filter(|words| words.starts_with("inertial unit")).take(2).collect();
+    assert_eq!(unit, ["inertial unit: sends none of its logs, still asking", "inertial unit: sends its logs"]);
     assert_eq!((status.scans_missing, status.scans_skipped, status.frames_dropped), (0, 0, 0));
     assert_eq!((status.lidar.bad_frames, status.ins.bad_frames, status.pulses_spurious), (0, 0, 0));
     let [(_, blinks), (locked, _), (fault, _)] = lights;

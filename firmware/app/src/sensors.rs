@@ -91,6 +91,7 @@ pub async fn inertial<L: SensorLine>(shared: &Shared<'_>, mut line: L) -> ! {
     let mut bring_up = unit_up::BringUp::default();
     let mut actions: heapless::Vec<unit_up::Action, ACTIONS> = heapless::Vec::new();
     let mut chunk = [0; CHUNK];
+    let mut told_silent = false;
     loop {
         let count = read(&mut line, &mut chunk).await;
         {
@@ -114,7 +115,7 @@ pub async fn inertial<L: SensorLine>(shared: &Shared<'_>, mut line: L) -> ! {
                 unit_up::Action::Send(command) => {
                     let _unheard = line.write_all(command).await;
                 }
-                unit_up::Action::Report(progress) => tell_unit(shared, *progress),
+                unit_up::Action::Report(progress) => tell_unit(shared, *progress, &mut told_silent),
             }
         }
         actions.clear();
@@ -187,12 +188,18 @@ fn name(step: scanner_up::Step) -> &'static str {
 }
 
 /// How the unit's bring-up goes on, likewise.
-fn tell_unit(shared: &Shared<'_>, progress: unit_up::Progress) {
+fn tell_unit(shared: &Shared<'_>, progress: unit_up::Progress, told_silent: &mut bool) {
     use unit_up::Progress;
     let mut line = Line::new();
     let (level, written) = match progress {
-        Progress::Requesting | Progress::Checking | Progress::Pausing(_) => return,
-        Progress::Running => (Level::Info, write!(line, "inertial unit: sends its logs")),
+        // A unit takes longer to start than a board: the first two rounds say nothing yet.
+        Progress::Requesting | Progress::Checking | Progress::Pausing(..unit_up::LAST_PAUSE_MS) => return,
+        Progress::Pausing(_) if core::mem::replace(told_silent, true) => return,
+        Progress::Pausing(_) => (Level::Warn, write!(line, "inertial unit: sends none of its logs, still asking")),
+        Progress::Running => {
+            *told_silent = false;
+            (Level::Info, write!(line, "inertial unit: sends its logs"))
+        }
         Progress::Missing(id) => (Level::Warn, write!(line, "inertial unit: log {id} stays away, requested again")),
         Progress::Silent => (Level::Warn, write!(line, "inertial unit: silent, requesting its logs again")),
     };

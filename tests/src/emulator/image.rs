@@ -10,8 +10,10 @@ pub enum Image {
     Board,
     /// The bench that counts instructions.
     Bench,
-    /// The one that links only when the core cannot panic.
+    /// The one that links only when nothing can panic of what a board runs.
     Proof,
+    /// The same of the map of elevation and risk.
+    ProofOfMap,
 }
 
 const BOARD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../firmware/boards/olimex-stm32-h405");
@@ -22,6 +24,7 @@ impl Image {
             Self::Board => "crossfall-board",
             Self::Bench => "crossfall-bench",
             Self::Proof => "crossfall-proof",
+            Self::ProofOfMap => "crossfall-proof-map",
         }
     }
 
@@ -30,7 +33,7 @@ impl Image {
         match self {
             Self::Board => "",
             Self::Bench => "bench",
-            Self::Proof => "proof",
+            Self::Proof | Self::ProofOfMap => "proof",
         }
     }
 }

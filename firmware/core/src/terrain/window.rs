@@ -52,7 +52,7 @@ impl<'a> Window<'a> {
         let side = i32::from(self.side);
         // rem_euclid by a positive number: 0 to side - 1. The side is at least 1.
         self.corner = [origin.x, origin.y].map(|key| key.checked_rem_euclid(side).unwrap_or(0) as u32);
-        for (row, tiles) in self.tiles.chunks_mut(usize::from(self.side)).enumerate() {
+        for (row, tiles) in self.tiles.chunks_mut(usize::from(self.side).max(1)).enumerate() {
             let y = key_in_window(row as i32, origin.y, side);
             for (column, tile) in tiles.iter_mut().enumerate() {
                 let key = TileKey { x: key_in_window(column as i32, origin.x, side), y };

@@ -64,7 +64,8 @@ const SILENCE_US: i64 = 1_500_000;
 /// A log is missing when it has not come for this and two of its periods.
 const MARGIN_US: i64 = 1_000_000;
 const FIRST_PAUSE_MS: u16 = 250;
-const LAST_PAUSE_MS: u16 = 1_000;
+/// The longest pause between two rounds of requests, and the third.
+pub const LAST_PAUSE_MS: u16 = 1_000;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
