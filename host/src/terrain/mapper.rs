@@ -5,11 +5,12 @@ use std::path::Path;
 
 use crossfall_core::terrain::{
     Cell, FrameReport, IMAGE_COLUMNS, IMAGE_ROWS, Marks, MovingBox, Pair, Pose, RangePixels, Sample, SetUpError,
-    Storage, TILE_SIDE, TerrainConfig, TerrainMap, Tile, TileKey,
+    Storage, TILE_SIDE, TerrainConfig, TerrainMap, Tile, TileKey, Vectors,
 };
 
 use super::behind::Behind;
 use super::lidar::SensorPose;
+use super::vectors::Found;
 
 /// The memory that a map works in.
 pub struct Workshop {
@@ -68,7 +69,16 @@ impl Workshop {
     /// # Errors
     /// A configuration out of its range.
     pub fn open(&mut self) -> Result<Mapper<'_>, SetUpError> {
-        let map = TerrainMap::new(
+        self.open_with(Found::new())
+    }
+
+    /// The same, by the vector instructions of a unit.
+    ///
+    /// # Errors
+    /// A configuration out of its range.
+    pub fn open_with<V: Vectors>(&mut self, unit: V) -> Result<Mapper<'_, V>, SetUpError> {
+        let map = TerrainMap::with_vectors(
+            unit,
             self.config,
             self.side,
             Storage {
@@ -84,8 +94,8 @@ impl Workshop {
 }
 
 /// A map and the tiles that its window has left behind.
-pub struct Mapper<'a> {
-    map: TerrainMap<'a>,
+pub struct Mapper<'a, V = Found> {
+    map: TerrainMap<'a, V>,
     /// None where they are forgotten.
     behind: Option<Behind>,
 }
@@ -101,7 +111,7 @@ pub struct Kept {
     pub disk: u64,
 }
 
-impl<'a> Mapper<'a> {
+impl<'a, V: Vectors> Mapper<'a, V> {
     /// Keeps the tiles that leave the window in a nameless file of this folder, not in memory as it is at first.
     ///
     /// # Errors
@@ -169,7 +179,7 @@ impl<'a> Mapper<'a> {
 
     /// The core's map.
     #[must_use]
-    pub fn map(&self) -> &TerrainMap<'a> {
+    pub fn map(&self) -> &TerrainMap<'a, V> {
         &self.map
     }
 

@@ -21,4 +21,5 @@ pub mod raster;
 pub mod scene;
 pub mod source;
 pub mod turns;
+pub mod vectors;
 pub mod velodyne;

@@ -18,6 +18,7 @@ use super::sight::{RangeImage, RangePixels};
 use super::slope::{measure, pool};
 use super::standing::{forget_ages, look_through, raise};
 use super::tile::{Margins, TALL_CERTAIN, TILE_CELLS, TILE_SIDE, Tile, TileKey, UNITS_PER_M, Update, margin_table};
+use super::vectors::{AsBuilt, Vectors};
 use super::window::{Neighbours, Window};
 
 /// Beyond this, 20 m, a tile's risk is told half as often: at any speed there is time for it, and most tiles lie there.
@@ -86,7 +87,8 @@ pub struct FrameReport {
 }
 
 /// The elevation and risk map around a moving sensor.
-pub struct TerrainMap<'a> {
+pub struct TerrainMap<'a, V = AsBuilt> {
+    unit: V,
     config: TerrainConfig,
     cell_um: i64,
     window: Window<'a>,
@@ -115,6 +117,16 @@ impl<'a> TerrainMap<'a> {
     /// # Errors
     /// Storage or configuration that do not fit.
     pub fn new(config: TerrainConfig, side: u16, storage: Storage<'a>) -> Result<Self, SetUpError> {
+        Self::with_vectors(AsBuilt, config, side, storage)
+    }
+}
+
+impl<'a, V: Vectors> TerrainMap<'a, V> {
+    /// The same, by the vector instructions of a unit.
+    ///
+    /// # Errors
+    /// Storage or configuration that do not fit.
+    pub fn with_vectors(unit: V, config: TerrainConfig, side: u16, storage: Storage<'a>) -> Result<Self, SetUpError> {
         if !config.is_sound() {
             return Err(SetUpError::Configuration);
         }
@@ -132,6 +144,7 @@ impl<'a> TerrainMap<'a> {
             return Err(SetUpError::RangeImage);
         }
         Ok(Self {
+            unit,
             config,
             cell_um: (config.cell_m * 1e6 + 0.5) as i64,
             window: Window::new(storage.tiles, side),
@@ -249,6 +262,7 @@ impl<'a> TerrainMap<'a> {
                 see,
                 counts: &mut report.points,
             },
+            self.unit,
         );
         self.frame = self.frame.wrapping_add(1);
         self.settle(others, tall, &mut report.points);
@@ -409,7 +423,7 @@ impl<'a> TerrainMap<'a> {
     }
 
     /// Which tiles are told anew in this frame: every so manyth, and of those far off every other.
-    fn schedule(&self) -> impl Fn(usize, &Tile) -> bool + use<> {
+    fn schedule(&self) -> impl Fn(usize, &Tile) -> bool + use<V> {
         let every = u32::from(self.config.refresh_every.max(1));
         let frame = self.frame;
         let tile_um = self.cell_um.wrapping_mul(16).max(1);
@@ -428,11 +442,12 @@ impl<'a> TerrainMap<'a> {
 
     /// Tells the tiles that are due anew, of every `step`th slot from `first` on; how many they were.
     fn refresh(&mut self, (first, step): (u32, u32), due: impl Fn(usize, &Tile) -> bool) -> u32 {
+        let unit = self.unit;
         let (first, step) = (first as usize, (step as usize).max(1));
         let review = (!self.config.push_broom).then(|| self.stamp());
         for (slot, tile) in self.window.tiles.iter_mut().enumerate().skip(first).step_by(step) {
             if due(slot, tile) {
-                measure(tile, review);
+                unit.run(|| measure(tile, review));
             }
         }
         let mut refreshed = 0;
@@ -446,8 +461,8 @@ impl<'a> TerrainMap<'a> {
             let around = self.window.around(tile.key);
             let rise = pool(&self.window, &around, tile.key);
             let told = match rise {
-                Some(rise) if patch.gather(&around) => {
-                    relief_on_slopes(&mut patch, &around, rise, &mut relief);
+                Some(rise) if unit.run(|| patch.gather(&around)) => {
+                    relief_on_slopes(&mut patch, &around, rise, &mut relief, unit);
                     true
                 }
                 _ => false,
@@ -455,7 +470,7 @@ impl<'a> TerrainMap<'a> {
             if let Some(tile) = self.window.tiles.get_mut(slot) {
                 tile.dirty = false;
                 tile.rise = rise.unwrap_or(tile.rise);
-                store(tile, told.then_some(&relief), &self.table);
+                store(tile, told.then_some(&relief), &self.table, unit);
                 refreshed += 1;
             }
         }
@@ -510,9 +525,15 @@ fn fuse<'s>(tiles: &mut [Tile], samples: impl Iterator<Item = &'s Sample>, by: &
 
 /// Relief under the tile's gradient, or under a neighbour's where that explains the heights better: where a ramp
 /// begins, half of a tile lies on one slope and half on the other, and neither is a step.
-fn relief_on_slopes(patch: &mut Patch, around: &Neighbours<'_>, rise: [i16; 2], relief: &mut Relief) {
+fn relief_on_slopes(
+    patch: &mut Patch,
+    around: &Neighbours<'_>,
+    rise: [i16; 2],
+    relief: &mut Relief,
+    unit: impl Vectors,
+) {
     // 3 cm: below it nothing asks to slow down.
-    if patch.relief(rise, relief) < 120 {
+    if unit.run(|| patch.relief(rise, relief)) < 120 {
         return;
     }
     let mut again = [[0; TILE_SIDE]; TILE_SIDE];
@@ -528,16 +549,16 @@ fn relief_on_slopes(patch: &mut Patch, around: &Neighbours<'_>, rise: [i16; 2], 
         let Some(entry) = tried.get_mut(count).filter(|_| fresh) else { continue };
         *entry = other.rise;
         count += 1;
-        patch.relief(other.rise, &mut again);
+        unit.run(|| patch.relief(other.rise, &mut again));
         for (held, new) in relief.as_flattened_mut().iter_mut().zip(again.as_flattened()) {
             *held = (*held).min(*new);
         }
     }
 }
 
-fn store(tile: &mut Tile, relief: Option<&Relief>, table: &RiskTable) {
+fn store(tile: &mut Tile, relief: Option<&Relief>, table: &RiskTable, unit: impl Vectors) {
     match relief {
-        Some(relief) => table.tell(relief, &mut tile.risk),
+        Some(relief) => unit.run(|| table.tell(relief, &mut tile.risk)),
         None => tile.risk = [0; TILE_CELLS],
     }
     if tile.has_tall {

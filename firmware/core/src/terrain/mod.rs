@@ -25,6 +25,7 @@ mod sight;
 mod slope;
 mod standing;
 mod tile;
+mod vectors;
 mod window;
 
 pub use align::{Alignment, Pair};
@@ -37,3 +38,4 @@ pub use project::{PointCounts, Sample};
 pub use risk::{Decision, SLOW, STOP, advised_speed_mps, risk_of_step, risk_sigma};
 pub use sight::{COLUMNS as IMAGE_COLUMNS, ROWS as IMAGE_ROWS, RangePixels};
 pub use tile::{Cell, Class, TILE_CELLS, TILE_SIDE, Tile, TileKey, UNITS_PER_M};
+pub use vectors::{AsBuilt, Vectors};

@@ -9,6 +9,7 @@ use super::geometry::{Pose, dot};
 use super::marks::{Board, Lies};
 use super::sight::{Bearing, Direction, RangeImage, pixel};
 use super::tile::{HEAVIEST, UNITS_PER_M, WEIGHT_ONE};
+use super::vectors::Vectors;
 use super::window::Window;
 
 /// One point, ready to enter the map.
@@ -268,14 +269,15 @@ impl Block {
     }
 
     /// Places, heights and weights; how many points lie in the window.
-    fn place(&mut self, projection: &Projection, weighting: &Weighting, limits: &Limits) -> u32 {
+    fn place(&mut self, projection: &Projection, weighting: &Weighting, limits: &Limits, unit: impl Vectors) -> u32 {
         let Projection { x, y, z, z_rate, origin, .. } = projection;
-        affine(&self.points, x, origin[0], &mut self.u);
-        affine(&self.points, y, origin[1], &mut self.v);
+        unit.run(|| affine(&self.points, x, origin[0], &mut self.u));
+        unit.run(|| affine(&self.points, y, origin[1], &mut self.v));
         let rates = [(z, projection.rest), (z_rate, projection.lift_rate)];
         let out = (&mut self.height, &mut self.weight_column);
-        rise(&self.points, [&self.turn, &self.range2], &self.column, (rates, projection.whole), weighting, out);
-        cells(limits, &self.shut, [&self.u, &self.v], &mut self.place)
+        let seen = [&self.turn, &self.range2];
+        unit.run(|| rise(&self.points, seen, &self.column, (rates, projection.whole), weighting, out));
+        unit.run(|| cells(limits, &self.shut, [&self.u, &self.v], &mut self.place))
     }
 }
 
@@ -292,16 +294,16 @@ struct Limits {
     corner: [i32; 2],
 }
 
-// One loop each and never inlined: so they become vector instructions, and stay so.
+// One loop each, run as a function of its own.
 
-#[inline(never)]
+#[inline(always)]
 fn transpose(points: &[[f32; 4]; BLOCK], [xs, ys, zs]: &mut [Lane; 3]) {
     for lane in 0..BLOCK {
         [xs[lane], ys[lane], zs[lane], _] = points[lane];
     }
 }
 
-#[inline(never)]
+#[inline(always)]
 fn polar(points: &[Lane; 3], turns: &mut Lane, ranges: &mut Lane, range2: &mut Lane) {
     let [xs, ys, zs] = points;
     for lane in 0..BLOCK {
@@ -322,18 +324,18 @@ fn rear_slope(half_turn: f32) -> f32 {
 
 /// Of a block that lies behind as a whole, without a word on where: the same as `tally`. None of other blocks.
 #[inline(always)]
-fn rear(limits: &Limits, points: &[[f32; 4]; BLOCK], lanes: &[Lane; 3]) -> Option<[u32; 3]> {
+fn rear(limits: &Limits, points: &[[f32; 4]; BLOCK], lanes: &[Lane; 3], unit: impl Vectors) -> Option<[u32; 3]> {
     // Most blocks show at a few of their points that they are others.
     let shows = |lane: usize| points[lane][0] < 0.0;
     if !(shows(0) && shows(BLOCK / 2) && shows(BLOCK - 1)) {
         return None;
     }
-    let [others, not_finite, out_of_range] = tally_rear(limits, lanes);
+    let [others, not_finite, out_of_range] = unit.run(|| tally_rear(limits, lanes));
     (others == 0).then_some([not_finite, out_of_range, BLOCK as u32 - not_finite - out_of_range])
 }
 
 /// How many points do not surely lie behind, are no numbers, and are out of range.
-#[inline(never)]
+#[inline(always)]
 fn tally_rear(limits: &Limits, [xs, ys, zs]: &[Lane; 3]) -> [u32; 3] {
     let (mut rear, mut numbers, mut in_range) = (0, 0, 0);
     for lane in 0..BLOCK {
@@ -347,7 +349,7 @@ fn tally_rear(limits: &Limits, [xs, ys, zs]: &[Lane; 3]) -> [u32; 3] {
 }
 
 /// How many points are no numbers, out of range, and behind, each by its first reason.
-#[inline(never)]
+#[inline(always)]
 fn tally(limits: &Limits, range2: &Lane, turns: &Lane, shut: &mut Words) -> [u32; 3] {
     let (mut numbers, mut in_range, mut ahead) = (0, 0, 0);
     for lane in 0..BLOCK {
@@ -364,7 +366,7 @@ fn tally(limits: &Limits, range2: &Lane, turns: &Lane, shut: &mut Words) -> [u32
 }
 
 /// Where the points lie as seen from the sensor.
-#[inline(never)]
+#[inline(always)]
 fn look([zs, turns, ranges]: [&Lane; 3], columns: &mut Words, rows: &mut Lane, range_cm: &mut Words) {
     for lane in 0..BLOCK {
         let direction = Direction::at(Bearing { turn: turns[lane], range: ranges[lane] }, zs[lane]);
@@ -375,7 +377,7 @@ fn look([zs, turns, ranges]: [&Lane; 3], columns: &mut Words, rows: &mut Lane, r
 }
 
 /// The pixels of the range image that they fall on.
-#[inline(never)]
+#[inline(always)]
 fn pick(columns: &Words, rows: &Lane, pixels: &mut Words) {
     for lane in 0..BLOCK {
         let column = columns[lane] >> 16;
@@ -383,7 +385,7 @@ fn pick(columns: &Words, rows: &Lane, pixels: &mut Words) {
     }
 }
 
-#[inline(never)]
+#[inline(always)]
 fn affine(points: &[Lane; 3], by: &[f32; 3], origin: f32, out: &mut Lane) {
     let [xs, ys, zs] = points;
     for lane in 0..BLOCK {
@@ -391,7 +393,7 @@ fn affine(points: &[Lane; 3], by: &[f32; 3], origin: f32, out: &mut Lane) {
     }
 }
 
-#[inline(never)]
+#[inline(always)]
 fn rise(
     points: &[Lane; 3],
     [turns, range2]: [&Lane; 2],
@@ -410,7 +412,7 @@ fn rise(
     }
 }
 
-#[inline(never)]
+#[inline(always)]
 fn cells(limits: &Limits, shut: &Words, [us, vs]: [&Lane; 2], places: &mut Words) -> u32 {
     let mut outside = 0;
     for lane in 0..BLOCK {
@@ -447,6 +449,7 @@ pub(crate) fn project(
     config: &TerrainConfig,
     window: &Window<'_>,
     targets: Targets<'_, '_>,
+    unit: impl Vectors,
 ) -> [usize; 2] {
     let Targets { samples, marks, image, see, counts } = targets;
     let weighting = Weighting::new(config);
@@ -472,15 +475,16 @@ pub(crate) fn project(
     }
     counts.not_finite = 0u32.wrapping_sub(missing as u32);
     for points in whole.iter().chain((missing > 0).then_some(&last)) {
-        transpose(points, &mut block.points);
-        if !see && let Some([not_finite, out_of_range, behind]) = rear(&limits, points, &block.points) {
+        unit.run(|| transpose(points, &mut block.points));
+        if !see && let Some([not_finite, out_of_range, behind]) = rear(&limits, points, &block.points, unit) {
             counts.not_finite = counts.not_finite.wrapping_add(not_finite);
             counts.out_of_range += out_of_range;
             counts.behind += behind;
             continue;
         }
-        polar(&block.points, &mut block.turn, &mut block.range, &mut block.range2);
-        let [not_finite, out_of_range, behind] = tally(&limits, &block.range2, &block.turn, &mut block.shut);
+        unit.run(|| polar(&block.points, &mut block.turn, &mut block.range, &mut block.range2));
+        let [not_finite, out_of_range, behind] =
+            unit.run(|| tally(&limits, &block.range2, &block.turn, &mut block.shut));
         let left = BLOCK as u32 - not_finite - out_of_range - behind;
         counts.not_finite = counts.not_finite.wrapping_add(not_finite);
         counts.out_of_range += out_of_range;
@@ -489,15 +493,15 @@ pub(crate) fn project(
             continue;
         }
         let lanes = [&block.points[2], &block.turn, &block.range];
-        look(lanes, &mut block.column, &mut block.row, &mut block.range_cm);
+        unit.run(|| look(lanes, &mut block.column, &mut block.row, &mut block.range_cm));
         if see {
-            pick(&block.column, &block.row, &mut block.pixel);
+            unit.run(|| pick(&block.column, &block.row, &mut block.pixel));
             image.see(&block.pixel, &block.range_cm);
         }
         if left == 0 {
             continue;
         }
-        let inside = block.place(projection, &weighting, &limits);
+        let inside = block.place(projection, &weighting, &limits, unit);
         counts.out_of_window += left - inside;
         let mut lane = 0;
         loop {

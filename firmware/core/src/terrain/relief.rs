@@ -27,17 +27,17 @@ const NOTHING: i16 = i16::MIN;
 
 /// Heights or margins of a row, its wings included. On the bounds of vectors, so that these are operands as they lie in memory.
 #[derive(Clone, Copy)]
-#[repr(align(16))]
+#[repr(align(32))]
 struct Half([i16; WIDTH]);
 
 /// What is read of a row in whole vectors: two halves.
-const USED: usize = (2 * COLUMNS).next_multiple_of(8);
+const USED: usize = (2 * COLUMNS).next_multiple_of(16);
 /// Whole vectors that hold a half.
 const WHOLE: usize = COLUMNS.next_multiple_of(8);
 /// Heights less the gradient, from a column on the same negated; both drawn in by their margins. Where one half ends a window reaches into the other:
 /// a column a step of the flow and two for the last, which is what each step needs less of.
 #[derive(Clone, Copy)]
-#[repr(align(16))]
+#[repr(align(32))]
 struct Row([i16; USED + 8]);
 
 impl Row {
@@ -85,6 +85,7 @@ impl Patch {
     };
 
     /// Takes a tile and its surroundings in; whether anything is known of them.
+    #[inline(always)]
     pub(crate) fn gather(&mut self, around: &Neighbours<'_>) -> bool {
         // Heights without a margin do not count.
         self.margin = [Half([0; WIDTH]); ROWS];
@@ -108,6 +109,7 @@ impl Patch {
     }
 
     /// The relief when `rise` (over four cells, towards x and y) is taken out, and the largest of it.
+    #[inline(always)]
     pub(crate) fn relief(&mut self, rise: [i16; 2], out: &mut Relief) -> i16 {
         let mut along = [0i16; WHOLE];
         for (column, value) in along.iter_mut().enumerate() {
@@ -139,6 +141,7 @@ impl Patch {
 
     /// One step: cells that are still empty take the extremes of their eight neighbours, in all but the `EDGE` outermost rows. Maxima over three rows
     /// first, of all rows as they are, then those over three columns: read back at once from between two writes they would be waited for.
+    #[inline(always)]
     fn flow<const EDGE: usize>(&mut self, gaps: &mut [bool; ROWS]) {
         if gaps.iter().all(|gap| !*gap) {
             return;
@@ -159,6 +162,7 @@ impl Patch {
 }
 
 /// `COUNT` columns of a tile from column `FROM` on to the work area's from `TO` on, row by row from `first` on.
+#[inline(always)]
 fn copy<const COUNT: usize, const TO: usize, const FROM: usize>(
     source: Option<&Tile>,
     base: i32,
@@ -178,11 +182,10 @@ fn copy<const COUNT: usize, const TO: usize, const FROM: usize>(
     }
 }
 
-// One row each, by reference and never inlined: as loops of their own over whole rows they become vector instructions
-// (four of eight words even without AVX); inlined into the nest above, LLVM leaves them scalar, 30 times slower.
+// One row each, by reference. All of it is one function for each kind of vectors (`Vectors::run`).
 
 /// Whether a row has empty cells that a first step fills, and known ones.
-#[inline(never)]
+#[inline(always)]
 fn census(Half(margin): &Half) -> (bool, bool) {
     let (mut gap, mut known) = (0, 0);
     for column in 0..WHOLE {
@@ -193,7 +196,7 @@ fn census(Half(margin): &Half) -> (bool, bool) {
     (gap != 0, known != 0)
 }
 
-#[inline(never)]
+#[inline(always)]
 fn lift<const COUNT: usize, const TO: usize, const FROM: usize>(
     heights: &[i16; TILE_SIDE],
     margins: &[u8; TILE_SIDE],
@@ -208,7 +211,7 @@ fn lift<const COUNT: usize, const TO: usize, const FROM: usize>(
 }
 
 /// Heights less the gradient, and the same negated, both drawn in by their margins.
-#[inline(never)]
+#[inline(always)]
 fn intervals(Half(heights): &Half, Half(margins): &Half, along: &Mask, up: i16, Row(out): &mut Row) {
     let mut low = [NOTHING; WHOLE];
     for column in 0..WHOLE {
@@ -227,21 +230,21 @@ fn intervals(Half(heights): &Half, Half(margins): &Half, along: &Mask, up: i16, 
 
 /// Maxima over three rows, with a vector of nothing more on each side.
 #[derive(Clone, Copy)]
-#[repr(align(16))]
+#[repr(align(32))]
 struct Tallest([i16; 8 + USED + 8]);
 
 impl Tallest {
     const EMPTY: Self = Self([NOTHING; 8 + USED + 8]);
 }
 
-#[inline(never)]
+#[inline(always)]
 fn over_three(Row(above): &Row, Row(here): &Row, Row(below): &Row, Tallest(tallest): &mut Tallest) {
     for column in 0..USED {
         tallest[8 + column] = here[column].max(above[column]).max(below[column]);
     }
 }
 
-#[inline(never)]
+#[inline(always)]
 fn over_five(Row(first): &Row, Tallest(three): &Tallest, Row(last): &Row, Tallest(tallest): &mut Tallest) {
     for column in 0..USED {
         tallest[8 + column] = three[8 + column].max(first[column]).max(last[column]);
@@ -249,7 +252,7 @@ fn over_five(Row(first): &Row, Tallest(three): &Tallest, Row(last): &Row, Talles
 }
 
 /// Fills a row; whether it has empty cells that the next step fills.
-#[inline(never)]
+#[inline(always)]
 fn fill_empty(Tallest(tallest): &Tallest, Row(row): &mut Row, inside: &Mask) -> bool {
     for column in 0..USED {
         let empty = -i16::from(row[column] == NOTHING);
@@ -266,7 +269,7 @@ fn fill_empty(Tallest(tallest): &Tallest, Row(row): &mut Row, inside: &Mask) -> 
 
 /// Largest minus smallest over 5 x 5 cells, or over 3 x 3 where that is less than three eighths of it: the edge is then further off
 /// than a cell. `i16::MIN` where nothing is known and no neighbour reaches: nothing to judge.
-#[inline(never)]
+#[inline(always)]
 fn span(
     Row(row): &Row,
     Tallest(three): &Tallest,
@@ -274,7 +277,9 @@ fn span(
     out: &mut [i16; TILE_SIDE],
     largest: &mut [i16; TILE_SIDE],
 ) {
-    for (column, (risen, largest)) in out.iter_mut().zip(largest).enumerate() {
+    // In arrays of its own, which nothing else can be.
+    let (mut risen, mut most) = ([NOTHING; TILE_SIDE], *largest);
+    for column in 0..TILE_SIDE {
         let at = 8 + HALO + column;
         let over_five = |at: usize| {
             let (near, far) = (five[at - 1].max(five[at + 1]), five[at - 2].max(five[at + 2]));
@@ -286,7 +291,8 @@ fn span(
         let far_edge = -i16::from(near < (wide >> 1) - (wide >> 3));
         let relief = (near & far_edge) | (wide & !far_edge);
         let nothing = -i16::from(row[HALO + column] == NOTHING);
-        *risen = (NOTHING & nothing) | (relief & !nothing);
-        *largest = (*largest).max(*risen);
+        risen[column] = (NOTHING & nothing) | (relief & !nothing);
+        most[column] = most[column].max(risen[column]);
     }
+    (*out, *largest) = (risen, most);
 }

@@ -53,6 +53,7 @@ impl RiskTable {
     }
 
     /// Risks of reliefs in quarter millimetres.
+    #[inline(always)]
     pub(crate) fn tell(&self, reliefs: &Relief, risks: &mut [u8; TILE_CELLS]) {
         let mut steps = [0; TILE_CELLS];
         step(reliefs, &mut steps);
@@ -63,7 +64,7 @@ impl RiskTable {
 }
 
 /// Entries of the table by relief: all at once, as vectors can.
-#[inline(never)]
+#[inline(always)]
 fn step(reliefs: &Relief, steps: &mut [u16; TILE_CELLS]) {
     for (step, relief) in steps.iter_mut().zip(reliefs.as_flattened()) {
         *step = ((*relief).max(0) >> 1).min(STEPS as i16 - 1) as u16;

@@ -32,6 +32,7 @@ const IMPRESSION: i16 = 680;
 ///
 /// What a tile far off shows first may be the flank of a car, taken for ground because there was none to tell it from. When more is known, cells
 /// that stand high above the tile's floor and are not seen in this frame are given up: a low wall is seen again, the car has gone.
+#[inline(always)]
 pub(crate) fn measure(tile: &mut Tile, review: Option<u8>) {
     survey(tile);
     if let Some(stamp) = review
@@ -46,6 +47,7 @@ pub(crate) fn measure(tile: &mut Tile, review: Option<u8>) {
 }
 
 /// Medians that stand on many pairs are kept until an eighth of the tile's cells has been added: they hardly move.
+#[inline(always)]
 fn survey(tile: &mut Tile) {
     let (known, sum) = census(&tile.height, &tile.margin);
     tile.known = known as u16;
@@ -63,6 +65,7 @@ fn survey(tile: &mut Tile) {
 }
 
 /// Known cells, and the sum of their heights.
+#[inline(always)]
 fn census(heights: &Rises, margins: &[u8; TILE_CELLS]) -> (i32, i32) {
     let mut known = [0; TILE_CELLS];
     let count = mark_known(margins, &mut known);
@@ -70,7 +73,7 @@ fn census(heights: &Rises, margins: &[u8; TILE_CELLS]) -> (i32, i32) {
 }
 
 /// One for each known cell; how many they are.
-#[inline(never)]
+#[inline(always)]
 fn mark_known(margins: &[u8; TILE_CELLS], known: &mut Rises) -> i16 {
     let mut count = 0;
     for (known, margin) in known.iter_mut().zip(margins) {
@@ -81,7 +84,7 @@ fn mark_known(margins: &[u8; TILE_CELLS], known: &mut Rises) -> i16 {
 }
 
 /// Sum of products: one instruction for eight cells. 256 x 32,000 stays within 31 bits.
-#[inline(never)]
+#[inline(always)]
 fn sum(heights: &Rises, known: &Rises) -> i32 {
     heights.iter().zip(known).map(|(height, known)| i32::from(*height) * i32::from(*known)).sum()
 }
@@ -108,7 +111,7 @@ fn give_up_impressions(tile: &mut Tile, stamp: u8) -> bool {
 }
 
 /// Heights with the gradient taken out, `NONE` where nothing is known; the lowest and the highest (at least 0).
-#[inline(never)]
+#[inline(always)]
 fn level(heights: &Rises, margins: &[u8; TILE_CELLS], rise: [i16; 2], out: &mut Rises) -> [i16; 2] {
     let (mut lowest, mut highest) = ([NONE; TILE_SIDE], [0; TILE_SIDE]);
     let mut along = [0i16; TILE_SIDE];
@@ -145,6 +148,7 @@ struct Padded {
 const PAST: usize = 8 * TILE_SIDE;
 
 impl Padded {
+    #[inline(always)]
     fn of(tile: &Tile) -> Self {
         let mut out = Self { starts: [0; TILE_CELLS], ends: [i16::MAX; TILE_CELLS + PAST] };
         if let Some(ends) = out.ends.first_chunk_mut() {
@@ -154,7 +158,7 @@ impl Padded {
     }
 }
 
-#[inline(never)]
+#[inline(always)]
 fn spread(heights: &Rises, margins: &[u8; TILE_CELLS], starts: &mut Rises, ends: &mut Rises) {
     for cell in 0..TILE_CELLS {
         let known = -i16::from(margins[cell] != 0);
@@ -168,6 +172,7 @@ fn spread(heights: &Rises, margins: &[u8; TILE_CELLS], starts: &mut Rises, ends:
 ///
 /// Every line across the rise has the same vote, however many pairs begin on it. Far off, the face of a bump is hit by every ring while the road
 /// before it is crossed here and there and the road behind it lies in its shadow: pair by pair, the face would be the tile's gradient.
+#[inline(always)]
 fn median_rise<const ALONG: bool>(padded: &Padded) -> (i16, u8) {
     let (mut held, mut tried) = ([0; TILE_CELLS], [0; TILE_CELLS]);
     let (mut held, mut tried) = (&mut held, &mut tried);
@@ -195,6 +200,7 @@ fn median_rise<const ALONG: bool>(padded: &Padded) -> (i16, u8) {
 }
 
 /// The vote of each pair: a line's 240 divided by its pairs, at most 60; their sum, and the lines that have pairs.
+#[inline(always)]
 fn votes<const ALONG: bool>(rises: &Rises) -> (Rises, u16, u16) {
     let mut counts = [0u16; TILE_SIDE];
     for (row, rises) in rises.as_chunks::<TILE_SIDE>().0.iter().enumerate() {
@@ -233,6 +239,7 @@ struct Found {
     bounds: [i16; 2],
 }
 
+#[inline(always)]
 fn find<const ALONG: bool>(padded: &Padded, span: usize, out: &mut Rises) -> Found {
     let none = Found { pairs: 0, bounds: [0; 2] };
     let stride = if ALONG { 1 } else { TILE_SIDE };
@@ -248,7 +255,7 @@ fn find<const ALONG: bool>(padded: &Padded, span: usize, out: &mut Rises) -> Fou
 }
 
 /// Ends less starts where both are known, in the columns that have a partner, and they differ by no more than the limit.
-#[inline(never)]
+#[inline(always)]
 fn differences(starts: &Rises, ends: &Rises, partner: &[i16; TILE_SIDE], limit: i16, out: &mut Rises) -> Found {
     let (mut least, mut most, mut count) = ([0i16; TILE_SIDE], [0i16; TILE_SIDE], [0i16; TILE_SIDE]);
     for row in 0..TILE_SIDE {
@@ -268,6 +275,7 @@ fn differences(starts: &Rises, ends: &Rises, partner: &[i16; TILE_SIDE], limit: 
 
 /// Smallest value within the bounds at or below which lies at least `share`, by bisection on the value: summing up is a branchless pass
 /// over 256 words.
+#[inline(always)]
 fn quantile([mut low, mut high]: [i16; 2], share: u16, at_most: impl Fn(i16) -> u16) -> i16 {
     while low < high {
         let middle = ((i32::from(low) + i32::from(high)) >> 1) as i16;
@@ -280,7 +288,7 @@ fn quantile([mut low, mut high]: [i16; 2], share: u16, at_most: impl Fn(i16) -> 
     low
 }
 
-#[inline(never)]
+#[inline(always)]
 fn at_most(values: &Rises, bound: i16) -> u16 {
     let mut count = 0i16;
     for value in values {
@@ -289,7 +297,7 @@ fn at_most(values: &Rises, bound: i16) -> u16 {
     count as u16
 }
 
-#[inline(never)]
+#[inline(always)]
 fn weight_at_most(values: &Rises, weights: &Rises, bound: i16) -> u16 {
     let mut sum = 0i16;
     for cell in 0..TILE_CELLS {
@@ -391,7 +399,7 @@ const LANES: usize = 8;
 
 /// Of each rise is counted what lies at or below, which needs no branch and no order; one without weight never comes out, as the next smaller has
 /// as much below it.
-#[inline(never)]
+#[inline(always)]
 fn median(rises: &[[i16; LANES]], weights: &[[i16; LANES]], used: usize, total: i16) -> i16 {
     let mut best = NONE;
     for rise in rises.as_flattened().iter().take(used) {
