@@ -58,12 +58,10 @@ pub struct Args {
     json: bool,
 }
 
-/// A side of the vehicle.
+/// A side of the vehicle: the median is on the left where traffic keeps right.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Side {
-    /// Where traffic keeps right.
     Left,
-    /// Where traffic keeps left.
     Right,
 }
 
