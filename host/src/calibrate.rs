@@ -90,6 +90,9 @@ pub struct Estimate {
     pub delay_determined: bool,
     /// Why not, or what the answer rests on; for a reader.
     pub remarks: Vec<String>,
+    /// Why the delay could not be told; among the remarks, too.
+    #[serde(skip)]
+    pub delay_remark: Option<String>,
     /// What of the log the answer does not rest on; among the remarks, too.
     #[serde(skip)]
     pub left_out: Vec<String>,

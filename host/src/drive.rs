@@ -7,6 +7,7 @@ use std::path::Path;
 
 use crossfall_core::protocol::Config;
 use crossfall_core::protocol::message::{Message, Profile, PulseVerdict, flags};
+use crossfall_core::sensors::novatel::Quality;
 
 use crate::container::Error;
 use crate::geodesy::Geodetic;
@@ -81,7 +82,7 @@ pub struct Health {
     pub poses: u64,
     /// See `poses`.
     pub poses_by_pulse: u64,
-    /// Poses whose state was good (3).
+    /// Poses whose state was good.
     pub poses_good: u64,
     /// Pulses accepted.
     pub pulses: u64,
@@ -184,7 +185,7 @@ impl Drive {
             Message::Pose(pose) => {
                 health.poses += 1;
                 health.poses_by_pulse += u64::from(pose.timed_by_pulse);
-                health.poses_good += u64::from(pose.status == 3);
+                health.poses_good += u64::from(Quality::of(pose.status) == Quality::Good);
             }
             Message::Pulse(pulse) => match pulse.verdict {
                 PulseVerdict::Spurious => health.pulses_spurious += 1,

@@ -4,11 +4,11 @@
 //! far slope are fewer and flatter. For each stretch of the first drive's way and each slope, **the rule** is: of the two drives' values take the one
 //! with the narrower 95 % interval, of equal ones the nearer. The other value is told as well: their difference checks both drives.
 //!
-//! A drive the other way has the same slope on the same (left) side of the vehicle but as the other one of the two, and rising where it fell; a drive the
-//! same way has it as the same one. Slopes are signed as the first drive sees them. Places join the drives ([`crate::way`]). Sections of either drive
+//! A drive the other way has the same slope on the same side of the vehicle (the left one where traffic keeps right) but as the other one of the two, and
+//! rising where it fell; a drive the same way has it as the same one. Slopes are signed as the first drive sees them. Places join the drives ([`crate::way`]). Sections of either drive
 //! that say themselves [unreliable](crate::profiles::UNRELIABLE) have no part in it.
 
-use crate::drive::Drive;
+use crate::drive::{Drive, Scan};
 use crate::geodesy::Geodetic;
 use crate::intervals::{Estimate, Every, Sample, Samples};
 use crate::table::{Column, Kind, Record, Shape, Value};
@@ -48,15 +48,16 @@ pub struct Fused {
     pub to_m: f64,
     /// Where the first drive's scanner was in it, where it was.
     pub place: Option<Geodetic>,
-    /// The slope on the left that is next to the first drive's road.
+    /// The slope that is next to the first drive's road, on the side that was asked for.
     pub adjacent: Both,
     /// The one beyond.
     pub opposing: Both,
 }
 
-/// Joins two drives in stretches of a length; nothing when the first has no positions or the second was never near it.
+/// Joins the slopes on a side of two drives, 0 left and 1 right, in stretches of a length; nothing when the first has no positions or the second was
+/// never near it.
 #[must_use]
-pub fn fuse(first: &Drive, second: &Drive, every: Every) -> Option<Vec<Fused>> {
+pub fn fuse(first: &Drive, second: &Drive, every: Every, side: usize) -> Option<Vec<Fused>> {
     let way = first.way()?;
     let (from_m, to_m) = first.span_m()?;
     let begin = (from_m / every.metres).floor() as i64;
@@ -66,7 +67,7 @@ pub fn fuse(first: &Drive, second: &Drive, every: Every) -> Option<Vec<Fused>> {
     for scan in first.scans.iter().filter(|scan| scan.station_m.is_finite()) {
         let Some(stretch) = number(scan.station_m).and_then(|number| stretches.get_mut(number)) else { continue };
         stretch.place = stretch.place.or(scan.place[0].is_finite().then_some(scan.place));
-        add(&mut stretch.first, scan.station_m, [scan.reliable(0), scan.reliable(1)], 1.0);
+        add(&mut stretch.first, scan.station_m, of_side(scan, side), 1.0);
     }
     let stations: Vec<Option<f64>> = second.scans.iter().map(|scan| way.station_m(scan.place)).collect();
     let mut known = stations.iter().flatten();
@@ -75,7 +76,7 @@ pub fn fuse(first: &Drive, second: &Drive, every: Every) -> Option<Vec<Fused>> {
     for (scan, station) in second.scans.iter().zip(&stations) {
         let Some(at_m) = *station else { continue };
         let Some(stretch) = number(at_m).and_then(|number| stretches.get_mut(number)) else { continue };
-        let (adjacent, opposing) = (scan.reliable(0), scan.reliable(1));
+        let [adjacent, opposing] = of_side(scan, side);
         match opposite {
             true => add(&mut stretch.second, at_m, [opposing, adjacent], -1.0),
             false => add(&mut stretch.second, at_m, [adjacent, opposing], 1.0),
@@ -104,6 +105,11 @@ struct Stretch {
     place: Option<Geodetic>,
     first: [Samples; 2],
     second: [Samples; 2],
+}
+
+/// The adjacent and the opposing slope of a side, where they were found and can be relied on.
+fn of_side(scan: &Scan, side: usize) -> [Option<(f64, f64)>; 2] {
+    [0, 1].map(|slope| scan.reliable(2 * side + slope))
 }
 
 fn add(into: &mut [Samples; 2], at_m: f64, slopes: [Option<(f64, f64)>; 2], sign: f64) {
@@ -159,7 +165,6 @@ impl Record for Fused {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::drive::Scan;
     use crate::geodesy::shifted;
     use crossfall_core::protocol::message::flags;
 
@@ -193,7 +198,7 @@ mod tests {
     fn each_slope_is_taken_from_the_side_that_measures_it_better() {
         let up = drive(true, [(-8.0, 0.05), (7.1, 0.3)]);
         let down = drive(false, [(-7.0, 0.05), (8.2, 0.3)]);
-        let fused = fuse(&up, &down, Every { metres: 50.0 }).unwrap();
+        let fused = fuse(&up, &down, Every { metres: 50.0 }, 0).unwrap();
         assert_eq!(fused.len(), 10);
         for stretch in &fused {
             let (adjacent, from) = stretch.adjacent.better().unwrap();
@@ -203,6 +208,30 @@ mod tests {
             // What the far side said of the same slope, with the sign of the near one.
             assert!((stretch.adjacent.second.unwrap().value + 8.2).abs() < 1e-6);
         }
+    }
+
+    #[test]
+    fn where_traffic_keeps_left_the_median_is_on_the_right() {
+        let [up, down] =
+            [(true, [(-8.0, 0.05), (7.1, 0.3)]), (false, [(-7.0, 0.05), (8.2, 0.3)])].map(|(east, slopes)| {
+                let mut drive = drive(east, slopes);
+                for scan in &mut drive.scans {
+                    scan.slopes.rotate_left(2);
+                    // What is on the left has nothing to do with the median.
+                    (scan.slopes[0], scan.flags[0]) = ((-3.0, 0.01), flags::DOUBTFUL);
+                }
+                drive
+            });
+        let every = Every { metres: 50.0 };
+        let fused = fuse(&up, &down, every, 1).unwrap();
+        assert_eq!(fused.len(), 10);
+        for stretch in &fused {
+            let [near, far] = [stretch.adjacent, stretch.opposing].map(|both| both.better().unwrap());
+            assert!((near.0.value + 8.0).abs() < 1e-6 && near.1 == 1, "{stretch:?}");
+            assert!((far.0.value - 7.0).abs() < 1e-6 && far.1 == 2, "{stretch:?}");
+        }
+        let left = fuse(&up, &down, every, 0).unwrap();
+        assert!(left.iter().all(|stretch| stretch.adjacent.better().is_none()), "nothing there can be relied on");
     }
 
     fn estimate(value: f64, ci95: f64) -> Estimate {
@@ -249,7 +278,7 @@ mod tests {
 
     #[test]
     fn drives_are_joined_by_where_they_were_round_a_bend() {
-        let fused = fuse(&bend(true, 0..400), &bend(false, 0..400), Every { metres: 20.0 }).unwrap();
+        let fused = fuse(&bend(true, 0..400), &bend(false, 0..400), Every { metres: 20.0 }, 0).unwrap();
         assert_eq!(fused.len(), 20);
         for stretch in &fused {
             let middle = f64::midpoint(stretch.from_m, stretch.to_m);
@@ -278,7 +307,7 @@ mod tests {
             scan.flags = if lost { [flags::NO_ATTITUDE; 2] } else { [0, flags::DOUBTFUL] };
             scan.slopes[0].0 += if lost { 2.5 } else { 0.0 };
         }
-        let fused = fuse(&up, &down, Every { metres: 50.0 }).unwrap();
+        let fused = fuse(&up, &down, Every { metres: 50.0 }, 0).unwrap();
         for stretch in &fused {
             let (opposing, from) = stretch.opposing.better().unwrap();
             assert!((opposing.value - 7.0).abs() < 1e-6 && from == 2, "{stretch:?}");
@@ -291,7 +320,7 @@ mod tests {
     #[test]
     fn where_one_drive_was_not_the_other_speaks_alone() {
         let (whole, part) = (bend(true, 0..400), bend(false, 102..198));
-        let fused = fuse(&whole, &part, Every { metres: 20.0 }).unwrap();
+        let fused = fuse(&whole, &part, Every { metres: 20.0 }, 0).unwrap();
         for stretch in &fused {
             let both = (99.0..181.0).contains(&stretch.from_m);
             assert_eq!(stretch.opposing.second.is_some(), both, "{stretch:?}");
@@ -300,12 +329,12 @@ mod tests {
         // Never near, or nowhere at all.
         let mut elsewhere = bend(false, 0..400);
         elsewhere.scans.iter_mut().for_each(|scan| scan.place[0] += 0.01);
-        assert!(fuse(&whole, &elsewhere, Every { metres: 20.0 }).is_none());
+        assert!(fuse(&whole, &elsewhere, Every { metres: 20.0 }, 0).is_none());
         let mut nowhere = bend(true, 0..400);
         nowhere.scans.iter_mut().for_each(|scan| scan.place = [f64::NAN; 3]);
-        assert!(fuse(&nowhere, &part, Every { metres: 20.0 }).is_none());
-        assert!(fuse(&whole, &nowhere, Every { metres: 20.0 }).is_none());
-        assert!(fuse(&Drive::default(), &part, Every { metres: 20.0 }).is_none());
+        assert!(fuse(&nowhere, &part, Every { metres: 20.0 }, 0).is_none());
+        assert!(fuse(&whole, &nowhere, Every { metres: 20.0 }, 0).is_none());
+        assert!(fuse(&Drive::default(), &part, Every { metres: 20.0 }, 0).is_none());
     }
 
     #[test]
@@ -314,6 +343,7 @@ mod tests {
             &drive(true, [(-8.0, 0.3), (7.0, 0.1)]),
             &drive(true, [(-8.1, 0.1), (7.2, 0.3)]),
             Every { metres: 100.0 },
+            0,
         );
         let fused = fused.unwrap();
         assert_eq!(fused[0].adjacent.better().map(|(_, from)| from), Some(2));

@@ -164,10 +164,11 @@ fn hold(recent: &mut VecDeque<Held>, scan: &Scan<'_>) {
 }
 
 impl Step<'_> {
-    /// The scan's returns, every beam turned by the roll of its own instant.
-    pub fn level(&self, points: &mut Points) {
+    /// The scan's returns, every beam turned by the roll of its own instant. Gives the flags of that roll: with `NO_ATTITUDE` it is none.
+    pub fn level(&self, points: &mut Points) -> u16 {
         let roll = self.history.over_scan(self.scan, self.profile.time, &self.config.attitude);
         level(self.scan, &roll.track, &self.config.scanner, points);
+        roll.flags
     }
 
     /// The configuration in force.

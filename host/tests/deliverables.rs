@@ -13,12 +13,15 @@ use crossfall::dataset::{self, Partition};
 use crossfall::drive::Drive;
 use crossfall::geodesy::{Utm, between};
 use crossfall::intervals::{Every, Gather, Interval};
-use crossfall::profiles::{Row, Rows};
+use crossfall::profiles::{Row, Rows, host_flags};
 use crossfall::simulate::scene::Scene;
 use crossfall::simulate::{self, truth};
+use crossfall::stream::{Item, Stream};
 use crossfall::table::Format;
 use crossfall::{export, log, plot, report};
-use crossfall_core::protocol::Config;
+use crossfall_core::protocol::frame::{MAX_MESSAGE_FRAME, Sequencer};
+use crossfall_core::protocol::message::{Fix, Message, Pose};
+use crossfall_core::protocol::{Angle, Config};
 use tempfile::TempDir;
 
 /// A drive, made once for all tests.
@@ -245,6 +248,127 @@ fn a_cloud_lies_on_the_simulated_ground() {
         checked += 1;
     }
     assert!(checked > 50, "{checked}");
+}
+
+/// The log of a drive with other poses; without those for which there are none.
+fn rewritten(made: &Made, name: &str, poses: impl Fn(f64, Pose) -> Option<Pose>) -> PathBuf {
+    let path = made.folder.path().join(name);
+    let mut writer = log::Writer::create(&path).unwrap();
+    let mut stream = Stream::open(&made.log()).unwrap();
+    let (mut sequencer, mut room) = (Sequencer::new(), [0; MAX_MESSAGE_FRAME]);
+    let (mut now_ns, mut first_us) = (0, None);
+    while let Some((_, item)) = stream.next() {
+        let Item::Message { message, .. } = item else { panic!("a log without damage") };
+        let message = match message {
+            Message::Pose(pose) => {
+                let first_us = *first_us.get_or_insert(pose.time.0);
+                match poses((pose.time.0 - first_us) as f64 * 1e-6, pose) {
+                    Some(pose) => Message::Pose(pose),
+                    None => continue,
+                }
+            }
+            other => other,
+        };
+        let length = sequencer.message(&message, &mut room).unwrap();
+        now_ns += 1_000_000;
+        writer.frame(now_ns, &room[..length]).unwrap();
+    }
+    writer.finish().unwrap();
+    path
+}
+
+/// The points of a cloud of one log, and how many scans are not in it.
+fn cloud_of(log: &Path) -> (Vec<las::Point>, u64) {
+    let file = log.with_extension("las");
+    let told = cloud::write(&[log.to_path_buf()], cloud::Format::Las, &file, |_, _| ()).unwrap();
+    assert_eq!(told.epsg, 32_618, "the zone of the drive");
+    let all = las::Reader::from_path(&file).unwrap().read_all().unwrap();
+    (all.points().collect::<Result<_, _>>().unwrap(), told.unplaced)
+}
+
+#[test]
+fn what_the_unit_says_itself_not_to_know_places_nothing() {
+    let made = drive();
+    let (whole, _) = cloud_of(&made.log());
+    let start_s = whole[0].gps_time.unwrap();
+    let nowhere = Fix { latitude_ndeg: 0, longitude_ndeg: 0, height_mm: 0, velocity_mm_s: [0; 3] };
+    for (name, status) in [("aligning.mcap", 1), ("inactive.mcap", 0)] {
+        let log = rewritten(made, name, |seconds, pose| {
+            let zeros = Pose { roll: Angle::ZERO, pitch: Angle::ZERO, azimuth: Angle::ZERO, status, ..pose };
+            match status {
+                _ if seconds >= 10.0 => Some(pose),
+                0 => Some(Pose { fix: Some(nowhere), ..zeros }),
+                _ => Some(zeros),
+            }
+        });
+        let rows: Vec<Row> = Rows::open(&log).unwrap().collect();
+        assert_eq!(rows.len(), made.rows.len());
+        for (row, whole) in rows.iter().zip(&made.rows) {
+            let known = status == 1 || row.position.turn.is_some();
+            assert_eq!(row.flags & host_flags::NO_POSITION == 0, known, "scan {}", row.scan);
+            if known {
+                // Where it was, whatever the state: a satellites' position is one.
+                assert_eq!(row.position.geodetic, whole.position.geodetic, "scan {}", row.scan);
+            }
+        }
+        let turned = rows.iter().filter(|row| row.position.turn.is_some()).count();
+        assert!((turned as f64 / rows.len() as f64 - 0.5).abs() < 0.02, "{turned}");
+        let (points, unplaced) = cloud_of(&log);
+        assert!((370..=380).contains(&unplaced), "{unplaced} of 750 scans");
+        let first = points.iter().map(|point| point.gps_time.unwrap()).fold(f64::INFINITY, f64::min);
+        assert!((9.9..10.1).contains(&(first - start_s)), "{}", first - start_s);
+        // What is there is where it was.
+        let last = whole.last().unwrap();
+        let found = points.last().unwrap();
+        assert!((found.x - last.x).hypot(found.y - last.y) < 1e-9, "{found:?} {last:?}");
+    }
+}
+
+#[test]
+fn scans_without_attitude_are_not_in_a_cloud() {
+    let made = drive();
+    let log = rewritten(made, "gap.mcap", |seconds, pose| (!(5.0..6.5).contains(&seconds)).then_some(pose));
+    let (points, unplaced) = cloud_of(&log);
+    assert!((50..60).contains(&unplaced), "{unplaced}");
+    // Held for 50 ms at either end; a scan lasts 26 ms.
+    let start_s = cloud_of(&made.log()).0[0].gps_time.unwrap();
+    let within = points.iter().filter(|point| (5.1..6.4).contains(&(point.gps_time.unwrap() - start_s))).count();
+    assert_eq!(within, 0);
+}
+
+#[test]
+fn scan_angles_are_to_the_plumb_line_however_the_scanner_is_mounted() {
+    for mirrored in [false, true] {
+        let mut scene = Scene::default();
+        scene.drive.seconds = 3.0;
+        scene.scanner.mirrored = mirrored;
+        scene.scanner.mounting_offset_deg = 10.0;
+        let mut config = Config::default();
+        config.scanner.mirrored = mirrored;
+        config.scanner.mounting_offset = Angle::from_microdegrees(10_000_000);
+        let made = make_with(scene, &config);
+        let (points, _) = cloud_of(&made.log());
+        let utm = Utm::around(made.rows[0].position.geodetic.unwrap()).unwrap();
+        // The scanner's places by GPS time.
+        let places: Vec<_> = made.rows.iter().filter(|row| row.left && row.position.turn.is_some()).collect();
+        let seconds = |row: &Row| {
+            let (week, seconds) = row.position.gps.unwrap();
+            f64::from(week) * 604_800.0 + seconds - 1e9
+        };
+        let mut checked = 0;
+        for point in points.iter().step_by(101) {
+            let at = point.gps_time.unwrap();
+            let Some(row) = places.iter().rfind(|row| seconds(row) <= at) else { continue };
+            let (there, azimuth) = (row.position.geodetic.unwrap(), row.position.turn.unwrap().azimuth);
+            let [east, north] = between(there, utm.geodetic([point.x, point.y, point.z]).unwrap());
+            let (right, down) = (east * azimuth.cos() - north * azimuth.sin(), there[2] - point.z);
+            let expected = right.atan2(down).to_degrees();
+            // The vehicle climbs a centimetre within a scan.
+            assert!((f64::from(point.scan_angle) - expected).abs() < 1.0, "{} {expected}", point.scan_angle);
+            checked += 1;
+        }
+        assert!(checked > 300, "{checked}");
+    }
 }
 
 #[test]

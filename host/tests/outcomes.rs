@@ -190,6 +190,29 @@ fn a_cloud_on_a_full_disk_is_told() {
     }
 }
 
+#[test]
+fn a_cloud_of_two_continents_is_whole_as_far_as_its_numbers_go() {
+    let folder = drive();
+    let at = folder.path();
+    fs::write(at.join("far.toml"), "[drive]\nseconds = 1.0\nlatitude_deg = -35.0\n").unwrap();
+    ends(at, &["simulate", "--scene", "far.toml", "-o", "far.mcap"], 0);
+    ends(at, &["run", "far.mcap", "-o", "far.log.mcap"], 0);
+    for name in ["c.las", "c.laz"] {
+        let (out, error) = ends(at, &["cloud", "drive.log.mcap", "far.log.mcap", "-o", name, "--json"], 3);
+        let told = json(&out);
+        let far = told["points_too_far"].as_u64().unwrap();
+        assert!(
+            far > 5_000 && error.contains(&format!("{far} returns lie more than 2,000 km from the first")),
+            "{error}"
+        );
+        let points: u64 = told["points"].as_u64().unwrap();
+        assert_eq!(las::Reader::from_path(at.join(name)).unwrap().header().number_of_points(), points);
+    }
+    // Doubles have room for both.
+    let (out, _) = ends(at, &["cloud", "drive.log.mcap", "far.log.mcap", "-o", "c.ply", "--json"], 0);
+    assert_eq!(json(&out)["points_too_far"], 0);
+}
+
 #[cfg(target_os = "linux")]
 #[test]
 fn a_name_that_is_no_utf_8_is_told_to_machines_too() {

@@ -80,9 +80,12 @@ fn what_a_status_allows() {
             let quality = match status {
                 3 | 7 => Quality::Good,
                 2 | 6 => Quality::Degraded,
+                1 => Quality::Aligning,
                 _ => Quality::Unusable,
             };
             assert_eq!((solution.quality(), u32::from(solution.status)), (quality, status));
+            let usable = [2, 3, 6, 7].contains(&status);
+            assert_eq!((quality.has_attitude(), quality.has_position()), (usable, usable || status == 1), "{status}");
         });
     }
 }

@@ -260,3 +260,27 @@ fn the_manuals_examples_to_the_last_digit() {
     });
     assert_eq!(found.values().sum::<u32>(), 1);
 }
+
+#[test]
+fn a_unit_that_aligns_tells_where_it_is_and_not_how_it_is_turned() {
+    let Some(folder) = recordings() else { return };
+    let bytes = read(&folder.join("novatel/bestpos.gps"));
+    let (mut aligning, mut aligned) = (Vec::new(), Vec::new());
+    frames(&bytes, |event| {
+        let (Log::Solution(solution, _), id::INSPVAS) = (&event.log, event.header.id) else { return };
+        match solution.quality() {
+            Quality::Aligning => aligning.push(*solution),
+            _ => aligned.push(*solution),
+        }
+    });
+    assert_eq!((aligning.len(), aligned.len()), (2, 8));
+    let there = aligned[0].fix.unwrap();
+    for solution in aligning {
+        assert_eq!([solution.roll, solution.pitch, solution.azimuth].map(|angle| angle.0), [0; 3]);
+        let fix = solution.fix.unwrap();
+        // Within a metre or two: 10,000 ndeg of latitude are 1.1 m.
+        assert!((fix.latitude_ndeg - there.latitude_ndeg).abs() < 10_000, "{fix:?} {there:?}");
+        assert!((fix.longitude_ndeg - there.longitude_ndeg).abs() < 20_000, "{fix:?} {there:?}");
+        assert!(fix.velocity_mm_s.iter().all(|mm_s| mm_s.abs() < 100), "{fix:?}");
+    }
+}

@@ -15,10 +15,10 @@ const MAX_DELAY_SE_US: f64 = 500.0;
 const FOLLOWED_SE_US: f64 = 20_000.0;
 
 /// The offset is refused when its standard error is above this.
-const MAX_OFFSET_SE_DEG: f64 = 0.1;
+pub(super) const MAX_OFFSET_SE_DEG: f64 = 0.1;
 
 /// Standard deviation of the mean cross slope of a road that one knows nothing about, in degrees (about 2 %).
-const ROAD_PRIOR_DEG: f64 = 1.15;
+pub(super) const ROAD_PRIOR_DEG: f64 = 1.15;
 
 /// Slower than this is parked, in metres a second.
 const PARKED_M_S: f64 = 0.1;
@@ -91,15 +91,14 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
     let offset_se_deg = level.se_deg.hypot(prior_se);
     let rate = statistics::rms(after.iter().map(|point| point.rate_deg_us * 1e6));
     let mut remarks = vec![said];
-    if !timed {
-        remarks.push(
-            "the delay cannot be told: most poses are timed by their arrival, as there were no pulses, and the inertial unit's \
-             own delay would pass for the scanner's"
-                .to_owned(),
-        );
-    } else if !delay_determined {
-        remarks.push(too_uncertain(&fit, rate, &after));
-    }
+    let delay_remark = if !timed {
+        let said = "the delay cannot be told: most poses are timed by their arrival, as there were no pulses, and the inertial unit's \
+                    own delay would pass for the scanner's";
+        Some(said.to_owned())
+    } else {
+        (!delay_determined).then(|| too_uncertain(&fit, rate, &after))
+    };
+    remarks.extend(delay_remark.clone());
     let offset_determined = offset_se_deg <= MAX_OFFSET_SE_DEG;
     if !offset_determined {
         remarks.push(format!(
@@ -122,6 +121,7 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
         lidar_delay_se_us: fit.slope_se,
         delay_determined,
         remarks,
+        delay_remark,
         left_out,
         parked,
         scans: after.len(),

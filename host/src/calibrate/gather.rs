@@ -2,7 +2,7 @@
 //!
 //! A board that boots begins its time again, so that scans and poses of two boots must never meet. Poses without a scan near them say
 //! nothing here (where the vehicle stood before the scanner spoke, whether it drove on afterwards), and are let go as they come: memory
-//! is bounded by the number of scans.
+//! is bounded by the number of scans. So are poses of a unit that says itself that it has no attitude: their direction is none.
 
 use std::collections::VecDeque;
 use std::mem;
@@ -10,6 +10,7 @@ use std::mem;
 use crossfall_core::protocol::message::Pose;
 use crossfall_core::protocol::{Config, DeviceTime};
 use crossfall_core::scan::RawScan;
+use crossfall_core::sensors::novatel::Quality;
 
 use super::Drive;
 
@@ -23,6 +24,8 @@ pub struct Gatherer {
     /// Poses since the last scan that are not near it; near the next one, perhaps.
     waiting: VecDeque<Pose>,
     most: usize,
+    /// Poses without an attitude.
+    unusable: u64,
     /// Whether there was a scan more than are taken.
     beyond: bool,
     /// Whether nothing that comes can be near a scan that is taken.
@@ -34,7 +37,7 @@ impl Gatherer {
     #[must_use]
     pub fn new(config: Config, most: usize) -> Self {
         let drive = Drive { config, ..Drive::default() };
-        Self { drive, waiting: VecDeque::new(), most, beyond: false, full: false }
+        Self { drive, waiting: VecDeque::new(), most, unusable: 0, beyond: false, full: false }
     }
 
     /// A configuration is in force.
@@ -61,6 +64,10 @@ impl Gatherer {
 
     /// The next pose.
     pub fn pose(&mut self, pose: &Pose) {
+        if !Quality::of(pose.status).has_attitude() {
+            self.unusable += 1;
+            return;
+        }
         if self.us_since_scan(pose.time).is_some_and(|us| us <= NEAR_US) {
             self.drive.poses.push(*pose);
         } else if self.drive.scans.len() == self.most {
@@ -102,6 +109,9 @@ impl Gatherer {
         if let (true, [first, .., last]) = (self.beyond, drive.scans.as_slice()) {
             let minutes = last.stx.since(first.stx) as f64 * 1e-6 / 60.0;
             drive.left_out.push(format!("only the first {} scans ({minutes:.0} minutes) were used", self.most));
+        }
+        if self.unusable > 0 {
+            drive.left_out.push(format!("{} poses of the unit without an attitude were left out", self.unusable));
         }
         drive
     }
@@ -172,6 +182,21 @@ mod tests {
         let mut gatherer = Gatherer::new(Config::default(), 600);
         gather(&mut gatherer, |ms| ms < 60_000, 0..70_000);
         assert!(!gatherer.is_full() && gatherer.into_drive().left_out.is_empty());
+    }
+
+    #[test]
+    fn a_unit_that_aligns_tells_neither_direction_nor_rest() {
+        let mut gatherer = Gatherer::new(Config::default(), 1_000);
+        for now in (0..30_000).step_by(10) {
+            let status = if now < 25_000 { 1 } else { 3 };
+            gatherer.pose(&Pose { status, ..pose(now) });
+            if now.is_multiple_of(100) {
+                gatherer.scan(&scan(now));
+            }
+        }
+        let drive = gatherer.into_drive();
+        assert_eq!((drive.scans.len(), times(&drive)), (300, (25_000, 29_990)));
+        assert_eq!(drive.left_out, ["2500 poses of the unit without an attitude were left out"]);
     }
 
     #[test]

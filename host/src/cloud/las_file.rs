@@ -107,8 +107,18 @@ impl File {
     }
 }
 
+/// Whether a coordinate has a number of 32 bits, the next one included, to which its bounds may be rounded.
+fn fits(value: f64, axis: Transform) -> bool {
+    ((value - axis.offset) / axis.scale).abs() < f64::from(i32::MAX - 1)
+}
+
 impl Sink for File {
-    fn point(&mut self, point: &Return) -> Result<(), Error> {
+    fn point(&mut self, point: &Return) -> Result<bool, Error> {
+        // The writer counts a point before it finds that it does not fit, and cannot be closed any more.
+        let Vector { x, y, z } = *self.writer.header().transforms();
+        if !point.place.into_iter().zip([x, y, z]).all(|(value, axis)| fits(value, axis)) {
+            return Ok(false);
+        }
         let wrap = |source| Error::Las { path: self.outcome.path.clone(), source };
         let record = Point {
             x: point.place[0],
@@ -123,12 +133,46 @@ impl Sink for File {
             ..Point::default()
         };
         let written = self.writer.write_point(record);
-        self.outcome.of(written)
+        self.outcome.of(written)?;
+        Ok(true)
     }
 
     fn finish(mut self: Box<Self>) -> Result<(), Error> {
         let closed = self.writer.close();
         self.outcome.of(closed)?;
         Ok(self.outcome.of(self.writer.into_inner())?.output.commit()?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cloud::Class;
+
+    #[test]
+    fn what_has_no_number_is_left_out_and_the_rest_is_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, compressed) in [("a.las", false), ("a.laz", true)] {
+            let path = folder.path().join(name);
+            let origin = [258_400.0, 4_521_900.0, 350.0];
+            let mut file = File::new(Output::create(&path).unwrap(), origin, 32_618, compressed).unwrap();
+            let mut write = |east: f64, north: f64, up: f64| {
+                let place = [origin[0] + east, origin[1] + north, origin[2] + up];
+                let point = Return { place, class: Class::Road, gps_time: 4e8, angle_deg: -12.0, source: 1 };
+                file.point(&point).unwrap()
+            };
+            assert!(write(0.0, 0.0, 0.0) && write(2e6, -2e6, -9e3));
+            // Around the last number of 32 bits: what is taken can be closed, too.
+            let taken = (-20..20).filter(|tenth| write(2_147_483.647 - 400.0 + f64::from(*tenth) * 1e-4, 0.0, 0.0));
+            let taken = taken.count() as u64;
+            assert!(taken > 0, "the offset is whole kilometres");
+            for far in [-3e6, 8.6e6, f64::NAN, f64::INFINITY] {
+                assert!(!write(far, 0.0, 0.0) && !write(0.0, far, 0.0) && !write(0.0, 0.0, far), "{far}");
+            }
+            Box::new(file).finish().unwrap();
+            let mut reader = las::Reader::from_path(&path).unwrap();
+            let points: Vec<Point> = reader.read_all().unwrap().points().collect::<Result<_, _>>().unwrap();
+            assert_eq!((reader.header().number_of_points(), points.len() as u64), (2 + taken, 2 + taken));
+        }
     }
 }

@@ -2,8 +2,8 @@
 //!
 //! Coordinates are UTM (WGS 84) with ellipsoid heights; the zone is that of the first place and holds for all drives, so that a drive up and one down
 //! the same road lie in one cloud. Every beam is placed at its own instant: the scanner's place and the vehicle's heading and pitch at the scan's
-//! two ends are joined by a straight line (26 ms apart: below a millimetre at 3 m/s^2), roll and mounting offset are those of the beam itself. Returns
-//! without a position are counted and left out. Points stream to the file.
+//! two ends are joined by a straight line (26 ms apart: below a millimetre at 3 m/s^2), roll and mounting offset are those of the beam itself. Scans
+//! without a position or an attitude at both ends are counted and left out. Points stream to the file.
 
 mod las_file;
 mod ply;
@@ -12,6 +12,7 @@ mod stretch;
 use std::path::{Path, PathBuf};
 
 use crossfall_core::protocol::DeviceTime;
+use crossfall_core::protocol::message::flags;
 use crossfall_core::scan::Points;
 
 use crate::geodesy::{self, Utm, between};
@@ -85,7 +86,8 @@ pub struct Return {
     pub class: Class,
     /// GPS seconds since 1980 less 10^9, as the format has it.
     pub gps_time: f64,
-    /// Angle of its beam from straight down, in degrees, left negative.
+    /// Angle of its beam from the plumb line, roll and mounting taken out, in degrees, left negative: as the formats have it, counter-clockwise seen
+    /// from behind is positive (LAS 1.4, table 16).
     pub angle_deg: f32,
     /// Which log it is from, the first is 1.
     pub source: u16,
@@ -147,8 +149,10 @@ pub struct Made {
     pub points: u64,
     /// How many of each class, in the order of [`Class::ALL`].
     pub classes: [u64; 5],
-    /// Scans without a position, which are not in it.
+    /// Scans without a position or an attitude, which are not in it.
     pub unplaced: u64,
+    /// Returns that the format has no numbers for, 2,000 km and more from the first place; they are not in it.
+    pub too_far: u64,
     /// Damaged, broken or missing parts passed over.
     pub damage: u64,
     /// EPSG code of its coordinates.
@@ -157,7 +161,8 @@ pub struct Made {
 
 /// Something that takes returns.
 trait Sink {
-    fn point(&mut self, point: &Return) -> Result<(), Error>;
+    /// Takes a return; false where the format has no numbers for its place.
+    fn point(&mut self, point: &Return) -> Result<bool, Error>;
     fn finish(self: Box<Self>) -> Result<(), Error>;
 }
 
@@ -180,7 +185,7 @@ pub fn write(logs: &[PathBuf], format: Format, to: &Path, mut progress: impl FnM
             if steps.is_multiple_of(512) {
                 progress(number, offset);
             }
-            let Some(place) = step.position.geodetic else {
+            let Some((place, _)) = posed(&step.position) else {
                 made.unplaced += 1;
                 continue;
             };
@@ -196,7 +201,10 @@ pub fn write(logs: &[PathBuf], format: Format, to: &Path, mut progress: impl FnM
                 continue;
             }
             for point in &room.returns {
-                sink.point(point)?;
+                if !sink.point(point)? {
+                    made.too_far += 1;
+                    continue;
+                }
                 made.points += 1;
                 let class = Class::ALL.iter().position(|class| *class == point.class).unwrap_or_default();
                 made.classes[class] += 1;
@@ -250,16 +258,17 @@ impl Room {
         let last_ns = (0..step.scan.turns().min(beams)).map(|i| step.scan.beam_ns(beams - 1 - i)).max().unwrap_or(0);
         let end = DeviceTime(begin.0 + u64::from(last_ns.unsigned_abs() / 1_000) + 1);
         let (from, to) = (step.position, step.track.at(end));
-        let (Some((place, turn)), Some((week, seconds))) = (posed(&from), from.gps) else { return Ok(false) };
-        // Behind the last pose of a log the vehicle goes on as it stood.
-        let (next, next_turn) = posed(&to).unwrap_or((place, turn));
+        let (Some((place, turn)), Some((next, next_turn))) = (posed(&from), posed(&to)) else { return Ok(false) };
+        let Some((week, seconds)) = from.gps else { return Ok(false) };
+        if step.level(&mut self.points) & flags::NO_ATTITUDE != 0 {
+            return Ok(false);
+        }
         let [east, north] = between(place, next);
         let up = next[2] - place[2];
         let patch = utm.around_place(place)?;
         let span_ns = (end.0 - begin.0) as f64 * 1e3;
         let gps_time = f64::from(week) * 604_800.0 + seconds - ADJUSTED_S;
 
-        step.level(&mut self.points);
         self.places.clear();
         self.places.extend(
             self.points.iter().map(|echo| (f64::from(echo.point.y_um) * 1e-6, f64::from(echo.point.z_um) * 1e-6)),
@@ -279,8 +288,7 @@ impl Room {
                 place: patch.place([e + east * part, n + north * part, u + up * part]),
                 class: Class::of((y, z), &lines),
                 gps_time: gps_time + after_ns * 1e-9,
-                angle_deg: (90.0 - step.scan.beam_cdeg(usize::from(echo.beam)) as f32 / 100.0)
-                    * if step.config().scanner.mirrored { -1.0 } else { 1.0 },
+                angle_deg: (-y).atan2(-z).to_degrees() as f32,
                 source,
             });
         }

@@ -32,7 +32,7 @@ fn wrap<T>(output: &Output, result: std::io::Result<T>) -> Result<T, Error> {
 }
 
 impl Sink for File {
-    fn point(&mut self, point: &Return) -> Result<(), Error> {
+    fn point(&mut self, point: &Return) -> Result<bool, Error> {
         let mut record = [0; 34];
         for (bytes, value) in record.chunks_exact_mut(8).zip(point.place.into_iter().chain([point.gps_time])) {
             bytes.copy_from_slice(&value.to_le_bytes());
@@ -41,7 +41,8 @@ impl Sink for File {
         record[33] = u8::try_from(point.source).unwrap_or(u8::MAX);
         self.count += 1;
         let written = self.output.write_all(&record);
-        wrap(&self.output, written)
+        wrap(&self.output, written)?;
+        Ok(true)
     }
 
     fn finish(mut self: Box<Self>) -> Result<(), Error> {

@@ -63,13 +63,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             "{}: nothing tells that the vehicle stood; only rock tests can be joined",
             path.display()
         );
-        estimates.push(found);
         let scanner = drive.config.scanner;
-        let (old, _) = first.get_or_insert((drive, samples));
+        let (old, ..) = first.get_or_insert((drive, samples, found.clone()));
         let same = scanner == old.config.scanner;
         anyhow::ensure!(same, "{}: made with another offset or delay than the first log", path.display());
+        estimates.push(found);
     }
-    let (drive, samples) = first.context("no log")?;
+    let (drive, samples, alone) = first.context("no log")?;
     let old_offset_deg = crossfall::profiles::degrees(drive.config.scanner.mounting_offset);
     let found = calibrate::join(estimates, old_offset_deg).context("the logs cannot be joined")?;
     if args.json {
@@ -82,7 +82,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     if let Some(folder) = &args.plot {
         std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
-        draw_rock(&found, &samples, &folder.join("rock.svg"), args.theme.into())?;
+        // The picture is that of the first log: so are its residuals.
+        let Estimate { residual_before_deg, residual_after_deg, .. } = alone;
+        let drawn = Estimate { residual_before_deg, residual_after_deg, ..found.clone() };
+        draw_rock(&drawn, &samples, &folder.join("rock.svg"), args.theme.into())?;
         draw_ground(&drive, &found, &folder.join("ground.svg"), args.theme.into())?;
     }
     let name = logs.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ");

@@ -47,18 +47,21 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         let classes: serde_json::Map<_, _> =
             classes.map(|(class, count)| (class.name().replace(' ', "_"), count.into())).collect();
         say_json(&serde_json::json!({
-            "points": made.points, "classes": classes, "epsg": made.epsg, "scans_without_position": made.unplaced,
-            "damage": made.damage,
+            "points": made.points, "classes": classes, "epsg": made.epsg, "scans_without_pose": made.unplaced,
+            "points_too_far": made.too_far, "damage": made.damage,
         }))?;
     } else {
         let told: Vec<_> = classes.map(|(class, count)| format!("{count} {}", class.name())).collect();
         tell!("{}: {} points, EPSG:{} ({})", args.output.display(), made.points, made.epsg, told.join(", "));
     }
     if made.unplaced > 0 {
-        tell!("{} scans without a position are not in it", made.unplaced);
+        tell!("{} scans without a position or an attitude are not in it", made.unplaced);
+    }
+    if made.too_far > 0 {
+        tell!("{} returns lie more than 2,000 km from the first and are not in it", made.too_far);
     }
     if made.damage > 0 {
         tell!("{} damaged, broken or missing parts passed over; see `crossfall verify`", made.damage);
     }
-    Ok(Outcome::lost_if(made.damage > 0))
+    Ok(Outcome::lost_if(made.damage > 0 || made.too_far > 0))
 }

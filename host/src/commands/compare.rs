@@ -94,6 +94,9 @@ fn units(args: &Args, file: &Path) -> anyhow::Result<Outcome> {
     if found.untimed > 0 {
         tell!("{} poses without a pulse to time them were left out", found.untimed);
     }
+    if found.unusable > 0 {
+        tell!("{} poses of a unit that had no attitude were left out", found.unusable);
+    }
     if let Some(folder) = &args.output {
         draw_attitude(&found, &picture(folder, "attitude.svg")?, args.theme.into())?;
     }

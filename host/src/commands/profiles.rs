@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use anyhow::Context;
+use clap::ValueEnum;
 use crossfall::dataset::{self, Stopped, Written};
 use crossfall::drive::Drive;
 use crossfall::intervals::{Every, Gather, Interval, MILE_M};
@@ -43,15 +44,25 @@ pub struct Args {
     /// Name of the road in a data set; without it the name of each log's folder
     #[arg(long, value_name = "NAME", conflicts_with_all = ["fuse", "summary"])]
     road: Option<String>,
-    /// Join two drives of one road: each left slope from the drive that measures it better, by stretches (10m without --every)
+    /// Join two drives of one road: each slope of the median from the drive that measures it better, by stretches (10m without --every)
     #[arg(long)]
     fuse: bool,
+    /// With --fuse: the side of the vehicle that the median is on
+    #[arg(long, value_enum, default_value_t = Side::Left, requires = "fuse")]
+    side: Side,
     /// Print a summary for each mile instead of the table
     #[arg(long, conflicts_with_all = ["output", "every", "fuse"])]
     summary: bool,
     /// With --summary: for machines
     #[arg(long, requires = "summary")]
     json: bool,
+}
+
+/// A side of the vehicle: the median is on the left where traffic keeps right.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Side {
+    Left,
+    Right,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
@@ -105,7 +116,11 @@ fn fused(args: &Args, first: &Path, second: &Path) -> anyhow::Result<Outcome> {
         Drive::read(log, |at| progress.at(at))
     };
     let (one, other) = (read(first)?, read(second)?);
-    let stretches = fuse::fuse(&one, &other, args.every.unwrap_or(Every { metres: 10.0 }));
+    let (side, name) = match args.side {
+        Side::Left => (0, "left"),
+        Side::Right => (1, "right"),
+    };
+    let stretches = fuse::fuse(&one, &other, args.every.unwrap_or(Every { metres: 10.0 }), side);
     let stretches = stretches
         .with_context(|| format!("{} was never within 30 m of {}'s way", second.display(), first.display()))?;
     if args.output == Path::new("-") {
@@ -118,9 +133,9 @@ fn fused(args: &Args, first: &Path, second: &Path) -> anyhow::Result<Outcome> {
         tell!("{}: {} stretches", args.output.display(), stretches.len());
     }
     for (drive, log) in [(&one, first), (&other, second)] {
-        let unreliable = drive.unreliable(0);
+        let unreliable = drive.unreliable(side);
         if unreliable > 0 {
-            tell!("{}: {unreliable} sections left out that say themselves unreliable on the left", log.display());
+            tell!("{}: {unreliable} sections left out that say themselves unreliable on the {name}", log.display());
         }
     }
     let damage = one.health.damage + other.health.damage;

@@ -8,12 +8,14 @@ use std::path::Path;
 use crossfall_core::instrument::{Decode, Event, Identity, Line};
 use crossfall_core::protocol::message::{Message, Pose};
 use crossfall_core::protocol::{Config, DeviceTime};
+use crossfall_core::sensors::novatel::Quality;
 use serde::Serialize;
 
 use crate::calibrate::statistics::{HighPass, Residual, regress};
 use crate::capture::{Channel, Reader};
 use crate::container::Error;
 use crate::profiles::degrees;
+use crate::track::{Order, Sequence};
 
 /// Poses further apart than this are not interpolated between, in microseconds.
 const LONGEST_GAP_US: i64 = 110_000;
@@ -44,6 +46,8 @@ pub struct Comparison {
     pub lag_se_us: Option<f64>,
     /// Poses of either unit that no pulse has timed; they are left out.
     pub untimed: usize,
+    /// Poses of either unit that say themselves that they have no attitude, as of a unit that aligns; they are left out.
+    pub unusable: usize,
     /// Damage of the capture, in words.
     pub damage: Vec<String>,
     /// The course of the drive, for the picture.
@@ -98,24 +102,33 @@ pub fn compare(path: &Path) -> Result<Comparison, Error> {
 struct Unit {
     decode: Decode,
     line: Line,
-    poses: Vec<Pose>,
+    poses: Poses,
+}
+
+/// The poses of a unit that can be held against another's.
+#[derive(Default)]
+struct Poses {
+    /// In the order of their times.
+    kept: Vec<Pose>,
+    sequence: Sequence,
     untimed: usize,
+    unusable: usize,
 }
 
 impl Default for Unit {
     fn default() -> Self {
         let config = Config::default();
         let decode = Decode::new(config, Identity::default());
-        Self { decode, line: Line::new(config.ins.baud), poses: Vec::new(), untimed: 0 }
+        Self { decode, line: Line::new(config.ins.baud), poses: Poses::default() }
     }
 }
 
 impl Unit {
     fn bytes(&mut self, at_ns: u64, bytes: &[u8]) {
-        let Self { decode, line, poses, untimed } = self;
+        let Self { decode, line, poses } = self;
         for &byte in bytes {
             let arrival = DeviceTime(line.take(at_ns) / 1_000);
-            decode.ins_byte(byte, arrival, &mut |event| take(&event, poses, untimed));
+            decode.ins_byte(byte, arrival, &mut |event| poses.take(&event));
         }
     }
 
@@ -124,13 +137,21 @@ impl Unit {
     }
 }
 
-/// Keeps poses that a pulse has timed and that go on in time.
-fn take(event: &Event<'_>, poses: &mut Vec<Pose>, untimed: &mut usize) {
-    if let Event::Message(Message::Pose(pose)) = event {
+impl Poses {
+    /// Keeps poses that a pulse has timed, that have an attitude and that go on in time.
+    fn take(&mut self, event: &Event<'_>) {
+        let Event::Message(Message::Pose(pose)) = event else { return };
         if !pose.timed_by_pulse {
-            *untimed += 1;
-        } else if poses.last().is_none_or(|last| last.time < pose.time) {
-            poses.push(*pose);
+            self.untimed += 1;
+        } else if !Quality::of(pose.status).has_attitude() {
+            self.unusable += 1;
+        } else {
+            match self.sequence.order(self.kept.last().map(|last| last.time), pose.time) {
+                Order::Next => {}
+                Order::Late => return,
+                Order::FallenBack => self.kept.truncate(self.kept.partition_point(|kept| kept.time < pose.time)),
+            }
+            self.kept.push(*pose);
         }
     }
 }
@@ -138,17 +159,18 @@ fn take(event: &Event<'_>, poses: &mut Vec<Pose>, untimed: &mut usize) {
 fn hold(first: &Unit, second: &Unit) -> Comparison {
     let (mut roll, mut pitch, mut samples) = (Vec::new(), Vec::new(), Vec::new());
     let mut residuals = Vec::new();
-    let start = first.poses.first().map_or(0.0, seconds);
-    for (i, pose) in first.poses.iter().enumerate() {
-        let Some(other_roll) = at(&second.poses, pose.time, |pose| degrees(pose.roll)) else { continue };
-        let Some(other_pitch) = at(&second.poses, pose.time, |pose| degrees(pose.pitch)) else { continue };
+    let (own, others) = (&first.poses.kept, &second.poses.kept);
+    let start = own.first().map_or(0.0, seconds);
+    for (i, pose) in own.iter().enumerate() {
+        let Some(other_roll) = at(others, pose.time, |pose| degrees(pose.roll)) else { continue };
+        let Some(other_pitch) = at(others, pose.time, |pose| degrees(pose.pitch)) else { continue };
         let own_roll = degrees(pose.roll);
         roll.push(wrapped(other_roll - own_roll));
         pitch.push(wrapped(other_pitch - degrees(pose.pitch)));
         let seconds = seconds(pose) - start;
         samples.push(Sample { seconds, first_deg: own_roll, second_deg: own_roll + wrapped(other_roll - own_roll) });
         // What a later second unit does to the difference: minus the roll rate for every microsecond.
-        let neighbours = i.checked_sub(1).and_then(|before| Some((first.poses.get(before)?, first.poses.get(i + 1)?)));
+        let neighbours = i.checked_sub(1).and_then(|before| Some((own.get(before)?, own.get(i + 1)?)));
         if let Some((before, after)) = neighbours {
             let step_us = after.time.since(before.time) as f64;
             let rate_deg_us = wrapped(degrees(after.roll) - degrees(before.roll)) / step_us;
@@ -164,7 +186,8 @@ fn hold(first: &Unit, second: &Unit) -> Comparison {
         pitch: Difference::of(&pitch),
         lag_us: told.then_some(lag.slope),
         lag_se_us: told.then_some(lag.slope_se),
-        untimed: first.untimed + second.untimed,
+        untimed: first.poses.untimed + second.poses.untimed,
+        unusable: first.poses.unusable + second.poses.unusable,
         damage: Vec::new(),
         samples,
     }
@@ -210,4 +233,42 @@ fn at(poses: &[Pose], time: DeviceTime, angle: fn(&Pose) -> f64) -> Option<f64> 
 /// A difference of angles, from -180 to 180 degrees.
 fn wrapped(difference_deg: f64) -> f64 {
     (difference_deg + 180.0).rem_euclid(360.0) - 180.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crossfall_core::protocol::Angle;
+
+    fn pose(ms: u64, status: u8) -> Pose {
+        let roll = if status == 1 { Angle::ZERO } else { crate::config::angle_of(1.5) };
+        Pose {
+            time: DeviceTime(ms * 1_000),
+            latency_us: 0,
+            timed_by_pulse: true,
+            gps_week: 2_400,
+            gps_us: ms * 1_000,
+            roll,
+            pitch: Angle::ZERO,
+            azimuth: Angle::ZERO,
+            fix: None,
+            status,
+        }
+    }
+
+    #[test]
+    fn neither_a_unit_that_aligns_nor_a_stray_time_is_compared() {
+        let mut units = [Unit::default(), Unit::default()];
+        for ms in (0..10_000).step_by(10) {
+            for (number, unit) in units.iter_mut().enumerate() {
+                let status = if number == 1 && ms < 2_000 { 1 } else { 3 };
+                let stray = if number == 1 && ms == 5_000 { 100_000 } else { 0 };
+                unit.poses.take(&Event::Message(Message::Pose(pose(ms + stray, status))));
+            }
+        }
+        let found = hold(&units[0], &units[1]);
+        assert_eq!((found.unusable, found.untimed), (200, 0));
+        assert!((780..800).contains(&found.poses), "{}", found.poses);
+        assert!(found.roll.most_deg < 1e-6 && found.roll.mean_deg.abs() < 1e-6, "{:?}", found.roll);
+    }
 }

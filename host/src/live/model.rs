@@ -15,6 +15,7 @@ use crossfall_core::protocol::frame::{self, HostDecoder};
 use crossfall_core::protocol::message::{Hello, Level, Marker, Message, Pose, Profile, PulseVerdict, Session, Status};
 use crossfall_core::protocol::{Config, DeviceTime, schema};
 use crossfall_core::scan::{Points, RawScan, level};
+use crossfall_core::sensors::novatel::Quality;
 
 use super::commands::Commands;
 use super::faults::{BOARD, Faults};
@@ -29,7 +30,7 @@ use super::view::{Section, Strip};
 use crate::calibrate::{self, Estimate, Refusal, Surface};
 use crate::profiles::degrees;
 use crate::record::{Notice, gist};
-use crate::track::Track;
+use crate::track::{self, Track};
 
 /// Sections are shown no more often: a little faster than the scanner's 37.5 a second.
 const SECTIONS: Duration = Duration::from_millis(24);
@@ -270,11 +271,13 @@ impl Model {
         self.track.push(pose);
         let position = self.track.at(pose.time.offset(-1));
         self.motion.gps = position.gps;
-        if let Some(fix) = pose.fix {
+        if Quality::of(pose.status).has_attitude() {
+            self.motion.heading_deg = degrees(pose.azimuth);
+        }
+        if let Some(fix) = track::fix(pose) {
             let [north, east, _] = fix.velocity_mm_s.map(|mm| f64::from(mm) * 1e-3);
             let speed = north.hypot(east);
             self.motion.speed_m_s = Some(speed);
-            self.motion.heading_deg = degrees(pose.azimuth);
             let fast = speed > WALKING_M_S;
             self.motion.points_per_mile = fast.then(|| self.senses.scan_hz * MILE_M / speed);
             if let Some(station_m) = position.station_m {

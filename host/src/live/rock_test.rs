@@ -4,6 +4,7 @@
 use crossfall_core::protocol::Config;
 use crossfall_core::protocol::message::Pose;
 use crossfall_core::scan::RawScan;
+use crossfall_core::sensors::novatel::Quality;
 use serde::Serialize;
 
 use crate::calibrate::{Drive, Estimate, Gatherer};
@@ -61,6 +62,11 @@ impl Gathering {
 
     /// The next pose.
     pub fn pose(&mut self, pose: &Pose) {
+        self.gatherer.pose(pose);
+        if !Quality::of(pose.status).has_attitude() {
+            self.last_roll = None;
+            return;
+        }
         let now = (pose.time.0 as f64 * 1e-6, crate::profiles::degrees(pose.roll));
         if let Some((time, roll)) = self.last_roll.replace(now)
             && now.0 > time
@@ -68,7 +74,6 @@ impl Gathering {
             self.rates.push((now.1 - roll) / (now.0 - time));
             keep_last(&mut self.rates, 4 * LATELY);
         }
-        self.gatherer.pose(pose);
     }
 
     /// The tilt of the levelled road in the next profile, in degrees to the left.

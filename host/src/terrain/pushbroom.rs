@@ -2,7 +2,7 @@
 //!
 //! The scanner looks across the road, so every place is seen once, by a line that the drive pushes on. The returns are placed by
 //! `cloud`, beam by beam at its own instant, on the map (UTM); a frame is a few scans (a tenth of a second), in the axes that the vehicle
-//! had at the first of them. Scans without a position are counted and left out.
+//! had at the first of them. Scans without a position or an attitude are counted and left out.
 
 use std::path::Path;
 
@@ -60,7 +60,7 @@ impl Drive {
         self.utm.as_ref().map(Utm::epsg)
     }
 
-    /// Scans without a position so far.
+    /// Scans without a position or an attitude so far.
     #[must_use]
     pub fn unplaced(&self) -> u64 {
         self.unplaced
@@ -95,7 +95,7 @@ impl Drive {
         Ok(strip)
     }
 
-    /// Places the next scan that has a position.
+    /// Places the next scan that has a position and an attitude.
     fn scan(&mut self) -> Result<Option<(SensorPose, u64)>, Error> {
         loop {
             let Some(step) = self.walk.next(|_, _| true) else {

@@ -162,7 +162,7 @@ impl Source {
                 }
             }
             Kind::Drive(drive) => {
-                say(drive.unplaced(), "scans without a position are not in the map");
+                say(drive.unplaced(), "scans without a position or an attitude are not in the map");
                 say(drive.damage(), "damaged, broken or missing parts passed over; see `crossfall verify`");
             }
         }

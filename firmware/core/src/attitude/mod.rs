@@ -12,6 +12,7 @@ use crossfall_protocol::message::{Pose, flags};
 use crossfall_protocol::{Angle, DeviceTime};
 
 use crate::scan::{KNOTS, RawScan, RollTrack};
+use crate::sensors::novatel::Quality;
 use cubic::Cubic;
 
 /// Poses kept. A scan needs those from its first beam on: 41 ms before its telegram is complete at 500,000 baud, 0.8 s at 9,600 baud and a second with
@@ -200,12 +201,12 @@ fn line(left: &Sample, right: &Sample, time: DeviceTime) -> Angle {
     Angle(left.roll.0.wrapping_add((difference * time.since(left.time)).div_euclid(gap) as i32))
 }
 
-/// The flags of a pose by its INS status, or `None` where it must not be used (SENSORS: NovAtel INS status).
+/// The flags of a pose by its INS status, or `None` where it must not be used.
 fn usability(status: u8) -> Option<u16> {
-    match status {
-        3 | 7 => Some(0),
-        2 | 6 => Some(flags::ATTITUDE_DEGRADED),
-        _ => None,
+    match Quality::of(status) {
+        Quality::Good => Some(0),
+        Quality::Degraded => Some(flags::ATTITUDE_DEGRADED),
+        Quality::Aligning | Quality::Unusable => None,
     }
 }
 

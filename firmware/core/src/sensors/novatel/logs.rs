@@ -63,8 +63,35 @@ pub enum Quality {
     Good,
     /// High variance or free inertial (2, 6): usable, to be flagged.
     Degraded,
-    /// Anything else: inactive, aligning, waiting.
+    /// Aligning (1): position and velocity are those of the satellites, the angles are not known yet and sent as zeros.
+    Aligning,
+    /// Anything else: inactive, waiting. Every field may be zero.
     Unusable,
+}
+
+impl Quality {
+    /// That of an INS status, as sent.
+    #[must_use]
+    pub fn of(status: u8) -> Self {
+        match status {
+            3 | 7 => Self::Good,
+            2 | 6 => Self::Degraded,
+            1 => Self::Aligning,
+            _ => Self::Unusable,
+        }
+    }
+
+    /// Whether roll, pitch and azimuth are the vehicle's.
+    #[must_use]
+    pub fn has_attitude(self) -> bool {
+        matches!(self, Self::Good | Self::Degraded)
+    }
+
+    /// Whether position and velocity are the vehicle's, where the log has them.
+    #[must_use]
+    pub fn has_position(self) -> bool {
+        self != Self::Unusable
+    }
 }
 
 /// A pose as the receiver gives it. Angles by its signs: roll positive = right side down, pitch positive = nose up,
@@ -99,11 +126,7 @@ impl InsSolution {
     /// What its status allows.
     #[must_use]
     pub fn quality(&self) -> Quality {
-        match self.status {
-            3 | 7 => Quality::Good,
-            2 | 6 => Quality::Degraded,
-            _ => Quality::Unusable,
-        }
+        Quality::of(self.status)
     }
 }
 
