@@ -54,6 +54,8 @@ pub struct Shared {
     pub recording: Recording,
     /// The one before.
     pub last: Option<Recording>,
+    /// All that have ended and are not whole.
+    pub broken: Vec<Recording>,
     /// Why a log could not be written.
     pub disk_error: Option<String>,
     /// What the connection has come to.
@@ -96,8 +98,32 @@ pub struct LiveTape {
     /// Who the board is and how it is configured: what every log begins with.
     described: BTreeMap<String, BTreeMap<String, String>>,
     began: Instant,
-    /// Losses of the connection when the recording began.
-    lost_before: u64,
+    /// What the connection had lost when the recording began.
+    before: Losses,
+}
+
+/// What a connection has lost.
+#[derive(Clone, Copy, Debug, Default)]
+struct Losses {
+    /// On the way from the board.
+    on_the_way: u64,
+    /// By the board's own count.
+    on_board: u64,
+    restarts: u64,
+}
+
+impl Losses {
+    fn of(summary: &Summary) -> Self {
+        Self {
+            on_the_way: on_the_way(summary),
+            on_board: summary.totals.losses_since().values().sum(),
+            restarts: summary.totals.restarts(),
+        }
+    }
+}
+
+fn on_the_way(summary: &Summary) -> u64 {
+    summary.bad_frames + summary.missing_frames + summary.bytes_lost
 }
 
 impl LiveTape {
@@ -120,7 +146,7 @@ impl LiveTape {
             commands,
             described: BTreeMap::new(),
             began: Instant::now(),
-            lost_before: 0,
+            before: Losses::default(),
         }
     }
 
@@ -170,9 +196,10 @@ impl LiveTape {
         }
         let (path, log) = self.create(&name)?;
         let file = path.display().to_string();
-        self.share(|shared| {
+        self.before = self.share(|shared| {
             shared.disk_error = None;
             shared.recording = Recording { phase: Phase::Starting, name, file: file.clone(), ..Recording::default() };
+            Losses::of(&shared.summary)
         });
         self.began = Instant::now();
         self.commands.send(&Command::Stop);
@@ -224,22 +251,23 @@ impl LiveTape {
     }
 
     /// The board's hello has come, or will not come: from here on everything is logged.
-    fn roll(&mut self, mut log: log::Writer) -> Result<(), output::Error> {
-        for (name, entries) in &self.described {
-            log.metadata(name, entries.clone())?;
+    fn roll(&mut self, mut log: log::Writer) {
+        let described = self.described.iter().try_for_each(|(name, entries)| log.metadata(name, entries.clone()));
+        if let Err(error) = described {
+            self.failed(log, &error);
+        } else {
+            self.began = Instant::now();
+            self.before = self.share(|shared| {
+                shared.recording.phase = Phase::Recording;
+                Losses::of(&shared.summary)
+            });
+            self.step = Step::Recording { log };
         }
-        self.began = Instant::now();
-        self.lost_before = self.share(|shared| {
-            shared.recording.phase = Phase::Recording;
-            lost(&shared.summary)
-        });
         self.commands.send(&Command::Start);
-        self.step = Step::Recording { log };
-        Ok(())
     }
 
     fn close(&mut self, log: log::Writer) {
-        let finished = log.finish();
+        let (finished, before) = (log.finish(), self.before);
         self.share(|shared| {
             let mut ended = std::mem::take(&mut shared.recording);
             ended.phase = Phase::Idle;
@@ -247,6 +275,15 @@ impl LiveTape {
                 // What went wrong first is the cause, and what follows from it says nothing.
                 shared.disk_error.get_or_insert(error.to_string());
                 ended.error.get_or_insert(error.to_string());
+            }
+            let now = Losses::of(&shared.summary);
+            ended.lost = now.on_the_way.saturating_sub(before.on_the_way);
+            ended.lost_on_board = now.on_board.saturating_sub(before.on_board);
+            // A boot that shows in the board's time alone begins no segment.
+            ended.restarts = ended.restarts.max(now.restarts.saturating_sub(before.restarts));
+            (ended.disconnected, ended.unconfigured) = (shared.summary.disconnected, shared.summary.unconfigured);
+            if !ended.is_whole() {
+                shared.broken.push(ended.clone());
             }
             shared.last = Some(ended);
         });
@@ -264,10 +301,15 @@ impl LiveTape {
     /// Writes to the log, if there is one.
     fn write(&mut self, write: impl FnOnce(&mut log::Writer) -> Result<(), output::Error>) {
         let (Step::Recording { log } | Step::Ending { log, .. }) = &mut self.step else { return };
-        if let Err(error) = write(log)
-            && let Step::Recording { log } | Step::Ending { log, .. } = std::mem::replace(&mut self.step, Step::Idle)
-        {
-            self.failed(log, &error);
+        let Err(error) = write(log) else { return };
+        match std::mem::replace(&mut self.step, Step::Idle) {
+            Step::Recording { log } => self.failed(log, &error),
+            Step::Ending { log, .. } => {
+                self.failed(log, &error);
+                // The viewers' session, as behind every recording: this one's is stopped already.
+                self.commands.send(&Command::Start);
+            }
+            Step::Idle | Step::Clearing { .. } | Step::Greeting { .. } => {}
         }
     }
 
@@ -279,7 +321,7 @@ impl LiveTape {
                 self.commands.send(&Command::Identify);
                 self.step = Step::Greeting { log, until: now + ANSWER };
             }
-            Step::Greeting { log, until } if now >= until => self.roll_or_fail(log),
+            Step::Greeting { log, until } if now >= until => self.roll(log),
             Step::Ending { log, until } if now >= until => {
                 self.close(log);
                 self.commands.send(&Command::Start);
@@ -303,16 +345,6 @@ impl LiveTape {
         let _ended = self.end();
     }
 
-    fn roll_or_fail(&mut self, log: log::Writer) {
-        if let Err(error) = self.roll(log) {
-            self.share(|shared| {
-                shared.disk_error = Some(error.to_string());
-                shared.recording = Recording::default();
-            });
-            self.step = Step::Idle;
-        }
-    }
-
     /// What a message changes.
     fn notice(&mut self, message: &Message<'_>) {
         let soon = Instant::now() + LAST_PROFILES;
@@ -322,7 +354,7 @@ impl LiveTape {
             }
             (Step::Greeting { .. }, Message::Hello(_)) => {
                 if let Step::Greeting { log, .. } = std::mem::replace(&mut self.step, Step::Idle) {
-                    self.roll_or_fail(log);
+                    self.roll(log);
                 }
             }
             _ => {}
@@ -335,11 +367,6 @@ fn full(free: u64) -> String {
     format!("the disk is full: {:.1} MB are left free", free as f64 / 1e6)
 }
 
-/// What the connection has lost.
-fn lost(summary: &Summary) -> u64 {
-    summary.bad_frames + summary.missing_frames + summary.bytes_lost
-}
-
 impl Tape for LiveTape {
     fn frame(&mut self, receive_ns: u64, raw: &[u8], message: Option<&Message<'_>>) -> Result<(), output::Error> {
         if let Some(message) = message {
@@ -348,9 +375,9 @@ impl Tape for LiveTape {
         self.write(|log| log.frame(receive_ns, raw));
         if matches!(self.step, Step::Recording { .. } | Step::Ending { .. }) {
             let seconds = self.began.elapsed().as_secs_f64();
-            let before = self.lost_before;
+            let before = self.before.on_the_way;
             self.share(|shared| {
-                let lost_now = lost(&shared.summary);
+                let lost_now = on_the_way(&shared.summary);
                 let recording = &mut shared.recording;
                 recording.seconds = seconds;
                 recording.frames += 1;

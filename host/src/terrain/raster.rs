@@ -59,7 +59,7 @@ impl Grid {
     /// # Errors
     /// A map of which no frame more should be taken in.
     pub fn check(mapper: &Mapper<'_>) -> Result<(), TooLarge> {
-        let cell_m = mapper.map().cell_um() as f64 * 1e-6;
+        let cell_m = mapper.cell_m();
         mapper.bounds_behind().map_or(Ok(()), |bounds| check(bounds, cell_m))
     }
 
@@ -80,7 +80,7 @@ impl Grid {
         keys: impl Fn() -> K,
         window_only: bool,
     ) -> Option<Self> {
-        let cell_m = mapper.map().cell_um() as f64 * 1e-6;
+        let cell_m = mapper.cell_m();
         let [low, high] = keys().fold(None, |bounds, key| Some(around(bounds, key)))?;
         let blocks = keys().map(|key| block_of(key, low, high)).collect();
         Some(Self { cell_m, low, high, blocks, window_only })
