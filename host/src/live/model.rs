@@ -16,6 +16,7 @@ use crossfall_core::protocol::message::{Hello, Level, Marker, Message, Pose, Pro
 use crossfall_core::protocol::{Config, DeviceTime, schema};
 use crossfall_core::scan::{Points, RawScan, level};
 
+use super::account::Shared;
 use super::commands::Commands;
 use super::faults::{BOARD, Faults};
 use super::hub::Hub;
@@ -24,7 +25,6 @@ use super::player::Controls;
 use super::rock_test::{Gathering, RockTest};
 use super::session::{Heard, RockOrder};
 use super::state::{BoardState, Lamps, MarkerState, Motion, Phase, SourceState, State};
-use super::tape::Shared;
 use super::view::{Section, Strip};
 use crate::calibrate::{self, Estimate, Refusal, Surface};
 use crate::profiles::degrees;

@@ -13,13 +13,14 @@ use crossfall_core::protocol::message::{Command, Label};
 use serde::Deserialize;
 use tokio::sync::oneshot;
 
+use super::account::Shared;
 use super::commands::Commands;
 use super::film::Film;
 use super::hub::Hub;
 use super::model::Model;
 use super::player::{Controls, Player};
 use super::state::{Recording, SourceState};
-use super::tape::{LiveTape, Logs, Shared};
+use super::tape::{LiveTape, Logs};
 use crate::container;
 use crate::record::{self, Device, Notice, Port};
 
