@@ -108,7 +108,8 @@ impl Grid {
     #[must_use]
     pub fn north_west(&self) -> [f64; 2] {
         let [column, row] = self.corner();
-        [column as f64 * self.cell_m, (row + self.height() as i64) as f64 * self.cell_m]
+        // To the micrometre, which is what a cell's side is told in.
+        [column, row + self.height() as i64].map(|cells| (cells as f64 * self.cell_m * 1e6).round() / 1e6)
     }
 
     /// Number of blocks that hold something.

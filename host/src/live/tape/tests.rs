@@ -4,8 +4,11 @@ use std::io::{self, Write};
 use std::sync::mpsc::{self, Sender};
 
 use crossfall_core::protocol::DeviceTime;
-use crossfall_core::protocol::message::Hello;
+use crossfall_core::protocol::frame::{BoardDecoder, Event};
+use crossfall_core::protocol::message::{Hello, Status};
 use tokio::sync::oneshot;
+
+use crate::record::Summary;
 
 /// A tape, and what gives it orders.
 fn tape(folder: &Path, min_free: u64) -> (LiveTape, Sender<Order>, Arc<Mutex<Shared>>) {
@@ -100,9 +103,7 @@ impl log::Storage for Small {
 fn what_went_wrong_first_is_told() {
     let folder = tempfile::tempdir().unwrap();
     let (mut tape, _orders, shared) = tape(folder.path(), 0);
-    let small = Box::new(|_: &Path| Ok(Box::new(Small(2_000)) as Box<dyn log::Storage>));
-    let log = log::Writer::create_over(&folder.path().join("x"), log::Options::default(), small).unwrap();
-    tape.step = Step::Recording { log };
+    tape.step = Step::Recording { log: small_log(folder.path(), "x") };
     for second in 0..4 {
         tape.frame(second * 1_000_000_000, &[7; 1_000], None).unwrap();
     }
@@ -141,4 +142,81 @@ fn a_log_begins_with_who_and_how_and_counts_its_own_boots() {
     let path = roll(&mut tape, &orders);
     tape.finish();
     assert!(!read(&path).contains_key("segment"), "nothing has booted within this one");
+}
+
+/// What was said to the board since this was asked last.
+fn said(tape: &LiveTape) -> Vec<Command> {
+    let mut said = Vec::new();
+    while let Some(frame) = tape.commands.outbox().take() {
+        let (mut decoder, mut rest) = (BoardDecoder::new(), frame.as_slice());
+        while let Some(Event::Frame(frame)) = decoder.next(&mut rest) {
+            said.push(frame.body);
+        }
+    }
+    said
+}
+
+fn small_log(folder: &Path, name: &str) -> log::Writer {
+    let small = Box::new(|_: &Path| Ok(Box::new(Small(2_000)) as Box<dyn log::Storage>));
+    log::Writer::create_over(&folder.join(name), log::Options::default(), small).unwrap()
+}
+
+#[test]
+fn a_log_that_fails_leaves_the_viewers_a_session() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut tape, _orders, shared) = tape(folder.path(), 0);
+    let far = Instant::now() + Duration::from_secs(60);
+    tape.step = Step::Ending { log: small_log(folder.path(), "end"), until: far };
+    for second in 0..4 {
+        tape.frame(second * 1_000_000_000, &[7; 1_000], None).unwrap();
+    }
+    assert!(matches!(tape.step, Step::Idle));
+    assert_eq!(said(&tape), [Command::Start], "the session was stopped for the end");
+
+    tape.metadata("identity", entries("board", &"b".repeat(4_000))).unwrap();
+    tape.step = Step::Greeting { log: small_log(folder.path(), "begin"), until: Instant::now() };
+    settle_until(&mut tape, |step| !matches!(step, Step::Greeting { .. }));
+    for second in 0..4 {
+        tape.frame(second * 1_000_000_000, &[7; 1_000], None).unwrap();
+    }
+    assert!(matches!(tape.step, Step::Idle));
+    assert_eq!(said(&tape), [Command::Start], "the session was stopped for the beginning");
+    let shared = shared.lock().unwrap();
+    assert_eq!((shared.broken.len(), shared.recording.phase), (2, Phase::Idle));
+    assert!(shared.broken.iter().all(|recording| recording.error.is_some()), "{:?}", shared.broken);
+}
+
+#[test]
+fn a_recording_that_is_not_whole_is_not_forgotten_behind_one_that_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut tape, orders, shared) = tape(folder.path(), 0);
+    let status = |seconds: u64| Status { time: DeviceTime(seconds * 1_000_000), ..Status::default() };
+    shared.lock().unwrap().summary.totals.status(&status(100));
+    let mut recorded = |change: &dyn Fn(&mut Summary)| {
+        roll(&mut tape, &orders);
+        change(&mut shared.lock().unwrap().summary);
+        orders.send(Order::Stop { tell: None }).unwrap();
+        settle_until(&mut tape, |step| matches!(step, Step::Ending { .. }));
+        tape.frame(0, &[0], Some(&Message::Session(Session::Stopped(DeviceTime(0))))).unwrap();
+        settle_until(&mut tape, |step| matches!(step, Step::Idle));
+        shared.lock().unwrap().last.as_ref().unwrap().amiss().join("; ")
+    };
+    assert_eq!(recorded(&|_| ()), "");
+    assert_eq!(recorded(&|summary| summary.missing_frames = 3), "3 lost");
+    let scans = |summary: &mut Summary| summary.totals.status(&Status { scans_missing: 2, ..status(101) });
+    assert_eq!(recorded(&scans), "2 lost on the board");
+    let restarted = recorded(&|summary| summary.totals.status(&status(1)));
+    assert!(restarted.starts_with("1 restarts of the board"), "{restarted}");
+    assert_eq!(recorded(&|summary| summary.disconnected = true), "not connected at the end");
+    assert_eq!(recorded(&|summary| summary.disconnected = false), "");
+    assert!(recorded(&|summary| summary.unconfigured = true).starts_with("the configuration is not in force"));
+    assert_eq!(recorded(&|summary| summary.unconfigured = false), "");
+
+    // Ended before it has begun.
+    let _told = record(&orders);
+    settle_until(&mut tape, |step| matches!(step, Step::Clearing { .. }));
+    tape.finish();
+    let shared = shared.lock().unwrap();
+    assert_eq!(shared.last.as_ref().unwrap().amiss(), ["no frame came"]);
+    assert_eq!(shared.broken.len(), 6);
 }
