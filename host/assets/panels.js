@@ -67,6 +67,20 @@ export function showDrive(state) {
   $("source").title = state.source.name;
 }
 
+/** What became of a recording: saved, or what is amiss with it. */
+function kept(last) {
+  const amiss = [
+    last.error && "ended early",
+    !last.frames && "empty",
+    last.lost && `${last.lost} lost`,
+    last.lost_on_board && `${last.lost_on_board} lost on the board`,
+    last.restarts && `${last.restarts} restart${last.restarts > 1 ? "s" : ""}`,
+    last.disconnected && "not connected at the end",
+    last.unconfigured && "wrong configuration",
+  ].filter(Boolean);
+  return [amiss.length ? "" : "saved", size(last.bytes), ...amiss].filter(Boolean).join(", ");
+}
+
 export function showRecording(state) {
   const { recording: now, last_recording: last } = state;
   const on = now.phase !== "idle";
@@ -76,8 +90,7 @@ export function showRecording(state) {
   set($("record-label"), { idle: "Record", starting: "Starting", recording: "Stop", ending: "Ending" }[now.phase]);
   button.setAttribute("aria-pressed", String(on));
   set($("record-time"), clock(on ? now.seconds : last ? last.seconds : 0));
-  const kept = last ? (last.error ? `ended early, ${size(last.bytes)}` : last.lost ? `${size(last.bytes)}, ${last.lost} lost` : `saved, ${size(last.bytes)}`) : "not recording";
-  set($("record-size"), on ? `${size(now.bytes)}${now.lost ? `, ${now.lost} lost` : ""}` : kept);
+  set($("record-size"), on ? `${size(now.bytes)}${now.lost ? `, ${now.lost} lost` : ""}` : last ? kept(last) : "not recording");
   $("drive").disabled = on;
   $("drive").placeholder = on ? now.name : "date and time";
 }

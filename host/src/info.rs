@@ -12,6 +12,7 @@ use serde::Serialize;
 use crate::capture::{Channel, Chunk, Reader};
 use crate::container::Error;
 use crate::interrupt;
+use crate::log;
 use crate::scanner::{self, Family};
 use crate::stream::{Item, Stream};
 use crate::totals::Totals;
@@ -153,7 +154,8 @@ fn look_at_log(mut log: Stream) -> Result<Info, Error> {
     ] {
         info.counters.insert(format!("link.{name}"), count);
     }
-    for (name, entries) in log.metadata() {
+    // Which file of a drive was read last says nothing of the drive.
+    for (name, entries) in log.metadata().iter().filter(|(name, _)| *name != log::metadata::PART) {
         for (key, value) in entries.iter().filter(|(_, value)| !value.contains('\n')) {
             info.about.insert(format!("{name}.{key}"), value.clone());
         }

@@ -6,6 +6,7 @@
 
 mod commands;
 
+use std::io::Write;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser};
@@ -17,7 +18,7 @@ fn main() -> ExitCode {
     if std::env::var_os("RUST_BACKTRACE").is_none() {
         std::panic::set_hook(Box::new(|info| {
             if !crossfall::contained::is_contained() {
-                eprintln!("crossfall: internal error, please report it: {info}");
+                complain(&format!("internal error, please report it: {info}"));
             }
         }));
     }
@@ -28,7 +29,7 @@ fn main() -> ExitCode {
         }
     });
     if let Err(error) = handler {
-        eprintln!("crossfall: Ctrl-C will not be handled: {error}");
+        complain(&format!("Ctrl-C will not be handled: {error}"));
     }
     let Some(command) = Cli::parse().command else {
         let printed = Cli::command().print_help();
@@ -44,11 +45,16 @@ fn main() -> ExitCode {
                 ExitCode::from(2)
             }
             None => {
-                eprintln!("crossfall: {}", commands::visible(&line(&error)));
+                complain(&commands::visible(&line(&error)));
                 ExitCode::FAILURE
             }
         },
     }
+}
+
+/// A stderr that is closed or full must not change how the program ends, which a panic of `eprintln!` would.
+fn complain(what: &str) {
+    let _ = writeln!(std::io::stderr(), "crossfall: {what}");
 }
 
 /// The error and its causes in one line; a cause that the error before it has told already is not told again.

@@ -31,7 +31,12 @@ pub fn draw(frame: &mut Frame<'_>, state: &State, section: Option<&Section>) {
     draw_section(frame, section, road);
     draw_figures(frame, state, section, figures);
     draw_fault(frame, state, fault);
-    let replay = if state.replay.is_some() { "  [space] pause" } else { "" };
+    let replay = match &state.replay {
+        None => "",
+        Some(replay) if replay.ended => "  [space] again",
+        Some(replay) if replay.paused => "  [space] play",
+        Some(_) => "  [space] pause",
+    };
     let words = format!("[r] record or stop  [m] mark{replay}  [q] quit");
     frame.render_widget(Paragraph::new(words).dim(), keys);
 }
@@ -39,7 +44,7 @@ pub fn draw(frame: &mut Frame<'_>, state: &State, section: Option<&Section>) {
 fn heading(state: &State) -> Line<'_> {
     let recording = &state.recording;
     let tape = match (&recording.phase, &state.last_recording) {
-        (Phase::Idle, Some(last)) if last.error.is_some() => Span::from("log not whole").red().bold(),
+        (Phase::Idle, Some(last)) if !last.is_whole() => Span::from("log not whole").red().bold(),
         (Phase::Idle, Some(last)) => format!("saved {} ({:.1} MB)", last.name, last.bytes as f64 / 1e6).into(),
         (Phase::Idle, None) => "not recording".into(),
         _ => format!(

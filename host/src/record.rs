@@ -94,11 +94,11 @@ pub struct Summary {
 
 impl Summary {
     /// Whether anything that the board sent is not in the log as it sent it, or may not be: nobody knows what was under way when a
-    /// board booted again, or what is sent while nothing is connected.
+    /// board booted again, or what is sent while nothing is connected. What the board itself has lost meanwhile counts as well.
     #[must_use]
     pub fn lost(&self) -> bool {
         let known = self.bad_frames > 0 || self.missing_frames > 0 || self.bytes_lost > 0 || self.frames == 0;
-        known || self.totals.restarts() > 0 || self.disconnected
+        known || self.totals.restarts() > 0 || self.disconnected || !self.totals.losses_since().is_empty()
     }
 }
 

@@ -294,6 +294,8 @@ fn what_is_asked_wrongly_is_a_usage_error() {
         ("profiles a b --fuse --summary", "cannot be used with"),
         ("profiles a --road X -o r.csv", "--road names the road of a data set"),
         ("profiles a --road X --summary", "cannot be used with"),
+        ("run a.mcap -o l.mcap --faults pps:flip=0.5", "a pulse has no bytes: `pps` takes drop, duplicate and stall"),
+        ("run a.mcap -o l.mcap --faults ins2:flip=0.5", "no line `ins2`"),
         ("serve", "<FILE|--device <DEVICE>>"),
         ("monitor", "<FILE|--device <DEVICE>>"),
         ("monitor a.mcap --device emulated", "cannot be used with"),
@@ -324,4 +326,39 @@ fn what_cannot_be_is_told_as_what_it_is() {
         error.contains("growing.mcap: is being recorded: what is verified ends with its last closed chunk"),
         "{error}"
     );
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_stderr_that_takes_nothing_changes_no_status() {
+    let folder = tempfile::tempdir().unwrap();
+    let full = || File::options().write(true).open("/dev/full").unwrap();
+    for (arguments, code) in [(["verify", "nofile"], 1), (["verify", "--nonsense"], 2)] {
+        let status = command(folder.path(), &arguments).stdout(Stdio::null()).stderr(full()).status().unwrap();
+        assert_eq!(status.code(), Some(code), "{arguments:?}");
+    }
+}
+
+#[test]
+fn info_tells_of_a_drive_and_not_of_its_last_file_and_by_its_status_what_is_missing() {
+    let folder = drive();
+    let at = folder.path();
+    let frames: Vec<_> =
+        log::Reader::open(&at.join("drive.log.mcap")).unwrap().map(|frame| frame.unwrap().bytes).collect();
+    let write = |name: &str, frames: &[Vec<u8>], options: log::Options| {
+        let mut log = log::Writer::create_with(&at.join(name), options).unwrap();
+        for (frame, at_ns) in frames.iter().zip((0..).step_by(10_000_000)) {
+            log.frame(at_ns, frame).unwrap();
+            log.settle(at_ns).unwrap();
+        }
+        log.finish().unwrap();
+    };
+    write("parts.log.mcap", &frames, log::Options { max_bytes: 40_000, ..log::Options::default() });
+    assert!(at.join("parts.log.part0002.mcap").exists());
+    let (told, error) = ends(at, &["info", "parts.log.mcap"], 0);
+    assert!(error.contains("read as one drive") && !told.contains("part."), "{told}");
+    let holed: Vec<_> = [&frames[..100], &frames[103..]].concat();
+    write("holed.log.mcap", &holed, log::Options::default());
+    let (told, _) = ends(at, &["info", "holed.log.mcap", "--json"], 3);
+    assert_eq!(json(&told)["counters"]["link.missing_frames"], 3);
 }

@@ -327,3 +327,29 @@ fn a_serial_port_may_be_unplugged() {
     assert_eq!((summary.bad_frames, summary.missing_frames, summary.reconnects), (0, 10, 1), "{notices:?}");
     assert!(frames(&path) == [&sent[..100], &sent[110..]].concat());
 }
+
+/// The same drive through a noisy cable to the scanner: no frame of the link is missing, and scans are.
+#[cfg(unix)]
+#[test]
+fn what_the_board_loses_while_it_is_recorded_is_a_loss() {
+    let folder = tempfile::tempdir().unwrap();
+    let spec = "lidar:flip=3e-4,seed=3";
+    for arguments in [
+        &["simulate", "--seconds", "6", "-o", "drive.mcap"][..],
+        &["run", "drive.mcap", "--faults", spec, "-o", "faulty.mcap"],
+    ] {
+        assert!(crossfall(folder.path(), arguments).output().unwrap().status.code().is_some());
+    }
+    let sent = frames(&folder.path().join("faulty.mcap"));
+    let (listener, device) = listener();
+    let recorder =
+        crossfall(folder.path(), &["record", "--device", &device.to_string(), "-o", "a.mcap"]).spawn().unwrap();
+    let mut port = accept(&listener);
+    port.write_all(&sent.concat()).unwrap();
+    await_on_disk(&folder.path().join("a.mcap"), sent.len());
+    assert!(Command::new("kill").args(["-TERM", &recorder.id().to_string()]).status().unwrap().success());
+    let output = recorder.wait_with_output().unwrap();
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(3), "{error}");
+    assert!(error.contains("0 bad, 0 missing") && error.contains("lost on the board: lidar.bad_frames = "), "{error}");
+}

@@ -182,6 +182,58 @@ fn every_signal_that_asks_for_the_end_gets_a_whole_log() {
     }
 }
 
+/// A pseudo terminal that the monitor has for its own, and that is closed while it records.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_terminal_that_closes_leaves_the_monitors_recording_whole() {
+    use serialport::{SerialPort, TTYPort};
+
+    let folder = tempfile::tempdir().unwrap();
+    let simulated = crossfall(folder.path(), &["simulate", "--seconds", "60", "-o", "c.mcap"]).output().unwrap();
+    assert!(simulated.status.success());
+    let (mut terminal, other) = TTYPort::pair().unwrap();
+    terminal.set_timeout(Duration::from_millis(10)).unwrap();
+    let open = || fs::File::options().read(true).write(true).open(other.name().unwrap()).unwrap();
+    let sized = Command::new("stty").args(["rows", "24", "cols", "80"]).stdin(open()).status().unwrap();
+    assert!(sized.success());
+    // In a session of its own, so that it is hung up when the terminal closes.
+    let mut monitor = Command::new("setsid")
+        .args(["--ctty", env!("CARGO_BIN_EXE_crossfall"), "monitor", "c.mcap", "--into", "."])
+        .current_dir(folder.path())
+        .env("TERM", "xterm")
+        .stdin(open())
+        .stdout(open())
+        .stderr(open())
+        .spawn()
+        .unwrap();
+    drop(other);
+    let log = || {
+        let mut files = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path());
+        files.find(|file| file.to_string_lossy().ends_with(".log.mcap"))
+    };
+    let (began, mut asked) = (Instant::now(), false);
+    while log().is_none_or(|log| fs::metadata(log).unwrap().len() < 50_000) {
+        assert!(began.elapsed() < PATIENCE);
+        // Who draws waits until it is read.
+        let _nothing_yet = terminal.read(&mut [0; 4096]);
+        if !asked && began.elapsed() > SECOND {
+            asked = terminal.write_all(b"r").is_ok();
+        }
+    }
+    drop(terminal);
+    let closed = Instant::now();
+    let status = loop {
+        if let Some(status) = monitor.try_wait().unwrap() {
+            break status;
+        }
+        assert!(closed.elapsed() < PATIENCE, "it goes on");
+        thread::sleep(Duration::from_millis(20));
+    };
+    assert_eq!(status.code(), Some(0), "{status}");
+    let report = verify::verify(&log().unwrap(), |_| ()).unwrap();
+    assert!(report.ok && report.frames > 100, "{:?}", report.problems);
+}
+
 /// Runs a recording in a name space of its own on a disk of so many bytes, and brings the log out. None where that is not allowed.
 fn on_small_disk(folder: &Path, bytes: u32, min_free: &str) -> Option<(String, Vec<Instant>, Instant)> {
     if !crossfall_may_mount() {

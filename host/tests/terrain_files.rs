@@ -79,6 +79,10 @@ fn a_long_diagonal_drive_is_written_in_little_memory_and_room_and_seen_from_end_
     assert_eq!(decoder.dimensions().unwrap(), (grid.width() as u32, grid.height() as u32));
     assert_eq!(decoder.chunk_dimensions(), (SIDE as u32, SIDE as u32));
     let tie = decoder.get_tag_f64_vec(Tag::ModelTiepointTag).unwrap();
+    // To the last digit, as a reader prints them.
+    assert_eq!(decoder.get_tag_f64_vec(Tag::ModelPixelScaleTag).unwrap()[..2], [0.1, 0.1]);
+    let [column, row] = grid.corner();
+    assert_eq!([tie[3], tie[4]], [column as f64 / 10.0, (row + grid.height() as i64) as f64 / 10.0]);
     let across = grid.width().div_ceil(SIDE);
     let mut read = |chunk: usize| match decoder.read_chunk(chunk as u32).unwrap() {
         DecodingResult::F32(values) => values,

@@ -87,5 +87,56 @@ fn camera_poses_are_carried_over_to_the_lidar_by_the_calibration() {
     for (got, wanted) in pose.position.iter().zip([1.0, 0.0, 0.0]) {
         assert!((got - wanted).abs() < 1e-12, "{:?}", pose.position);
     }
+    assert!(frames.remarks()[0].contains("taken to the LiDAR through"), "{:?}", frames.remarks());
     assert!(pose.rotation[0][0] > 0.999_999 && pose.rotation[2][2] > 0.999_999);
+}
+
+/// Frames 10 to 19 of 30, each with a pose of its own number.
+#[test]
+fn a_part_of_a_drive_has_the_poses_times_and_objects_of_its_numbers() {
+    let pose = |number: usize| format!("1 0 0 {number} 0 1 0 0 0 0 1 0\n");
+    let poses = |numbers: std::ops::Range<usize>| numbers.map(pose).collect::<String>();
+    let part = folder(20, &poses(0..30));
+    let at = part.path();
+    for number in 0..10 {
+        fs::remove_file(at.join(format!("velodyne/{number:06}.bin"))).unwrap();
+    }
+    let times: String = (0..30).map(|number: i32| format!("{}\n", number.pow(2))).collect();
+    fs::write(at.join("times.txt"), times).unwrap();
+    let boxes = "frame,x,y,z,length,width,height,yaw\n3,1,2,0.7,4.4,1.8,1.5,0\n13,10,2,0.7,4.4,1.8,1.5,0\n";
+    fs::write(at.join("objects.csv"), boxes).unwrap();
+    let open = || FrameFolder::open(at, &Choices::default()).unwrap();
+    let frames = open();
+    assert!(frames.file(3).unwrap().ends_with("000013.bin"));
+    assert_eq!(frames.pose(3).unwrap().position, [13.0, 0.0, 0.0]);
+    assert_eq!((frames.step_us(0), frames.step_us(3)), (0, 25_000_000));
+    assert_eq!((frames.boxes(3).len(), frames.boxes(3)[0].centre_um[0]), (1, 10_000_000));
+    let said = frames.remarks().join("\n");
+    assert!(
+        said.contains("30 poses for 10 frames: taken by the files' numbers; 10 before 000010.bin and 10 behind"),
+        "{said}"
+    );
+    assert!(said.contains("30 times for 10 frames"), "{said}");
+    // As many as frames: theirs.
+    fs::write(at.join("poses.txt"), poses(100..110)).unwrap();
+    assert_eq!(open().pose(3).unwrap().position, [103.0, 0.0, 0.0]);
+    // Neither as many nor enough for the numbers.
+    fs::write(at.join("poses.txt"), poses(0..15)).unwrap();
+    assert!(complaint(at).contains("15 poses for 10 frames"));
+    let whole = folder(2, &IDENTITY.repeat(2));
+    assert!(FrameFolder::open(whole.path(), &Choices::default()).unwrap().remarks().is_empty());
+    // No numbers.
+    let named = folder(2, &IDENTITY.repeat(3));
+    fs::rename(named.path().join("velodyne/000000.bin"), named.path().join("velodyne/a.bin")).unwrap();
+    assert!(complaint(named.path()).contains("3 poses for 2 frames"));
+}
+
+#[test]
+fn a_trajectory_is_the_lidars_whatever_calibration_lies_beside_it() {
+    let slam = folder(2, "0 1 2 3 0 0 0 1\n0.1 2 2 3 0 0 0 1\n");
+    fs::write(slam.path().join("times.txt"), "0\n0.1\n").unwrap();
+    fs::write(slam.path().join("calib.txt"), "Tr: 0 -1 0 0.1 0 0 -1 -0.2 1 0 0 -0.3\n").unwrap();
+    let frames = FrameFolder::open(slam.path(), &Choices::default()).unwrap();
+    assert_eq!(frames.pose(1).unwrap().position, [2.0, 2.0, 3.0]);
+    assert!(frames.remarks().is_empty());
 }

@@ -419,6 +419,10 @@ fn damage_in_a_capture_is_counted_and_costs_only_itself() {
         Turns::open(&file, &poses).err().unwrap().to_string()
     };
     assert!(complaint(&pcap(&packets(160)), IDENTITY).contains("1 poses for 2 frames"));
+    assert!(
+        complaint(&pcap(&packets(160)), &IDENTITY.repeat(3)).contains("3 poses for 2 frames"),
+        "whose is the third?"
+    );
     assert!(complaint(&pcap(&packets(20)), IDENTITY).contains("no complete turn"));
     assert!(complaint(b"not a capture at all, not even nearly", IDENTITY).contains("no capture"));
     assert!(complaint(b"", IDENTITY).contains("no capture"));

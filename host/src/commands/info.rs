@@ -44,5 +44,6 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             tell!("{damage}");
         }
     }
-    Ok(Outcome::lost_if(!info.damage.is_empty()))
+    let lost = ["link.missing_frames", "link.bad_frames"].iter().any(|name| info.counters.get(*name) > Some(&0));
+    Ok(Outcome::lost_if(lost || !info.damage.is_empty()))
 }

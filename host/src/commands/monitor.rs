@@ -9,7 +9,7 @@ use anyhow::Context;
 use crossfall::monitor::draw;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
 
-use super::serve::{IntoArgs, SourceArgs};
+use super::serve::{IntoArgs, SourceArgs, verdict};
 use super::{Outcome, tell};
 
 /// How often the picture changes.
@@ -55,35 +55,24 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => break,
                 KeyCode::Char('r') => live.toggle_recording(),
                 KeyCode::Char('m') => live.mark(""),
-                KeyCode::Char(' ') => {
-                    if let Some(controls) = live.controls() {
-                        let mut transport = controls.lock();
-                        transport.paused = !transport.paused;
-                    }
-                }
+                KeyCode::Char(' ') => live.toggle_pause(),
                 _ => {}
             }
         }
         Ok(())
     })();
-    ratatui::try_restore()?;
-    shown?;
+    // Before anything that needs the terminal: it may have been closed, and the log is whole all the same.
     live.finish();
-    let state = live.hub().state();
-    let Some(last) = &state.last_recording else { return Ok(Outcome::Done) };
-    tell!(
-        "{}: {:.1} s, {} frames, {} profiles, {} lost",
-        last.file,
-        last.seconds,
-        last.frames,
-        last.profiles,
-        last.lost
-    );
-    if last.restarts > 0 {
-        tell!("restarts of the board: {}; what it had not sent before is not known", last.restarts);
+    let restored = terminal.show_cursor().and_then(|()| ratatui::try_restore());
+    // Where it cannot be restored, its end would complain about that on a stderr that is most likely the same terminal, and panic.
+    std::mem::forget(terminal);
+    // A terminal that was closed has asked for the end, and what failed since failed for that.
+    if !crossfall::interrupt::requested() {
+        shown?;
+        restored?;
     }
-    if let Some(error) = &last.error {
-        tell!("the recording ended early: {error}");
+    if let Some(last) = &live.hub().state().last_recording {
+        tell!("{}: {:.1} s, {} frames, {} profiles", last.file, last.seconds, last.frames, last.profiles);
     }
-    Ok(Outcome::lost_if(!last.is_whole()))
+    Ok(verdict(&live))
 }

@@ -128,8 +128,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if let (true, Some(config)) = (recorded.unconfigured, &args.config) {
         tell!("the configuration of {} is not in force at the end, or not known to be", config.display());
     }
-    for (name, count) in recorded.totals.losses() {
-        tell!("lost on the board since it booted: {name} = {count}");
+    for (name, count) in recorded.totals.losses_before() {
+        tell!("lost on the board before it was recorded: {name} = {count}");
+    }
+    for (name, count) in recorded.totals.losses_since() {
+        tell!("lost on the board: {name} = {count}");
     }
     Ok(Outcome::lost_if(recorded.lost() || recorded.unconfigured || full.is_some()))
 }

@@ -127,6 +127,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     {
         bail!("--at {last}: there are frames 0 to {}", count - 1);
     }
+    for remark in source.remarks() {
+        tell!("{remark}");
+    }
     let last = args.at.or(source.frames().map(|count| count - 1)).unwrap_or(usize::MAX);
     fs::create_dir_all(&args.output).with_context(|| format!("creating {}", args.output.display()))?;
     let series = args.output.join("series");

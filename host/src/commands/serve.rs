@@ -125,6 +125,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let served = serve(Arc::clone(&live), args.listen, access, ready, || !crossfall::interrupt::requested());
     live.finish();
     served.with_context(|| format!("cannot serve on {}", args.listen))?;
-    let state = live.hub().state();
-    Ok(Outcome::lost_if(state.last_recording.as_ref().is_some_and(|last| !last.is_whole())))
+    Ok(verdict(&live))
+}
+
+/// Tells what is amiss with recordings, and whether anything is.
+pub fn verdict(live: &Live) -> Outcome {
+    let broken = live.broken();
+    for recording in &broken {
+        tell!("{}: {}", recording.file, recording.amiss().join("; "));
+    }
+    Outcome::lost_if(!broken.is_empty())
 }

@@ -2,7 +2,8 @@
 //!
 //! `FAULT=RATE` separated by commas, for one line after `LINE:`, lines separated by semicolons; without a line for both sensors:
 //! `flip=1e-5,drop=1e-6,seed=7`, or `lidar:burst=1e-6:200;pps:drop=0.1`. `burst` takes the bytes of a burst behind a colon (64 unless told), `stall` the
-//! milliseconds of a stall (200 unless told). Rates are probabilities: of each byte for flip, drop and burst, of each piece for the others; of each pulse on `pps`.
+//! milliseconds of a stall (200 unless told). Rates are probabilities: of each byte for flip, drop and burst, of each piece for the others; of each pulse on `pps`,
+//! which has no bytes and takes drop, duplicate and stall. Lines are the board's: it has none for a second unit (`ins2`).
 
 use std::fmt;
 use std::str::FromStr;
@@ -59,7 +60,7 @@ pub struct Spec {
 }
 
 /// What a specification that is none is answered with.
-const EXPECTED: &str = "expected FAULT=RATE,... or LINE:FAULT=RATE,...;LINE:... with LINE lidar, ins, ins2 or pps, FAULT flip, drop, \
+const EXPECTED: &str = "expected FAULT=RATE,... or LINE:FAULT=RATE,...;LINE:... with LINE lidar, ins or pps, FAULT flip, drop, \
                         burst, duplicate, reorder, truncate or stall and a RATE from 0 to 1 (burst=RATE:BYTES, stall=RATE:MILLISECONDS), and seed=NUMBER";
 
 impl Spec {
@@ -67,7 +68,8 @@ impl Spec {
     #[must_use]
     pub fn rates(&self, line: Channel) -> Option<Rates> {
         let own = self.lines.iter().find(|(named, _)| *named == Some(line));
-        let both = self.lines.iter().find(|(named, _)| named.is_none() && line != Channel::Pps);
+        let sensor = matches!(line, Channel::Lidar | Channel::Ins);
+        let both = self.lines.iter().find(|(named, _)| named.is_none() && sensor);
         own.or(both).map(|(_, rates)| *rates)
     }
 }
@@ -82,8 +84,8 @@ impl FromStr for Spec {
                 // The colon may belong to a rate.
                 Some((line, faults)) if !line.contains('=') => {
                     let line = line.trim();
-                    let known = Channel::from_topic(line).ok_or_else(|| format!("no line `{line}`; {EXPECTED}"))?;
-                    (Some(known), faults)
+                    let known = Channel::from_topic(line).filter(|line| *line != Channel::Ins2);
+                    (Some(known.ok_or_else(|| format!("no line `{line}`; {EXPECTED}"))?), faults)
                 }
                 _ => (None, part),
             };
@@ -94,6 +96,10 @@ impl FromStr for Spec {
             let mut rates = Rates::default();
             for fault in faults.split(',') {
                 set(&mut rates, &mut spec.seed, fault.trim())?;
+            }
+            let of_bytes = [rates.flip, rates.burst, rates.reorder, rates.truncate].iter().any(|rate| *rate > 0.0);
+            if line == Some(Channel::Pps) && of_bytes {
+                return Err(format!("a pulse has no bytes: `pps` takes drop, duplicate and stall; {EXPECTED}"));
             }
             spec.lines.push((line, rates));
         }

@@ -28,7 +28,7 @@ fn specifications_are_read_as_they_are_printed() {
     let spec: Spec = "flip=1e-5;ins:drop=1e-6".parse().unwrap();
     assert_eq!(spec.rates(Channel::Lidar).unwrap().flip, 1e-5);
     assert_eq!(spec.rates(Channel::Ins).unwrap(), Rates { drop: 1e-6, ..Rates::default() });
-    assert_eq!(spec.rates(Channel::Pps), None);
+    assert_eq!((spec.rates(Channel::Pps), spec.rates(Channel::Ins2)), (None, None));
     for wrong in [
         "",
         "flip",
@@ -39,6 +39,9 @@ fn specifications_are_read_as_they_are_printed() {
         "burst=1:0",
         "fire=1",
         "usb:flip=1",
+        "ins2:flip=1",
+        "pps:flip=0.5",
+        "pps:drop=0.1,truncate=0.1",
         "flip=1;drop=1",
         "seed=x",
     ] {

@@ -181,9 +181,7 @@ impl Live {
                 if !finite {
                     return Err(Refusal::Invalid("a place is a number of seconds, 0 or more".into()));
                 }
-                if self.hub().state().recording.phase != super::Phase::Idle {
-                    return Err(Refusal::Conflict("end the recording first: a log cannot jump in time".into()));
-                }
+                self.may_wind()?;
                 self.replay(|transport| transport.wind_to_s = Some(seconds))
             }
             Request::Speed { times } => {
@@ -192,12 +190,7 @@ impl Live {
                 }
                 self.replay(|transport| transport.speed = times)
             }
-            Request::Pause { paused } => self.replay(|transport| {
-                transport.paused = paused;
-                if !paused && transport.ended {
-                    transport.wind_to_s = Some(0.0);
-                }
-            }),
+            Request::Pause { paused } => self.pause(paused),
             Request::RockTest { action } => {
                 self.rock(action);
                 Ok(json!({}))
@@ -242,6 +235,30 @@ impl Live {
             tokio::time::sleep(Duration::from_millis(25)).await;
         }
         Err(Refusal::Board("the board has not echoed this configuration".into()))
+    }
+
+    /// Halts a replay, or lets it go on: from its end it begins again.
+    ///
+    /// # Errors
+    /// Where there is none, or it would begin again within a recording.
+    pub(super) fn pause(&self, paused: bool) -> Result<Value, Refusal> {
+        let again = !paused && self.controls().is_some_and(|controls| controls.lock().ended);
+        if again {
+            self.may_wind()?;
+        }
+        self.replay(|transport| {
+            transport.paused = paused;
+            if again {
+                transport.wind_to_s = Some(0.0);
+            }
+        })
+    }
+
+    fn may_wind(&self) -> Result<(), Refusal> {
+        if self.hub().state().recording.phase == super::Phase::Idle {
+            return Ok(());
+        }
+        Err(Refusal::Conflict("end the recording first: a log cannot jump in time".into()))
     }
 
     fn replay(&self, change: impl FnOnce(&mut super::player::Transport)) -> Result<Value, Refusal> {

@@ -9,7 +9,9 @@
 //! The recording never waits for a viewer: the channel to the model is bounded and what finds no room in it is counted, not waited for;
 //! viewers fetch from the hub what is new to them when they can take it. A slow one gets fewer sections and the same charts.
 
+mod account;
 mod commands;
+mod drive_name;
 mod faults;
 pub mod film;
 mod hub;
@@ -24,9 +26,10 @@ mod track_sketch;
 mod view;
 
 pub use commands::{Refusal, Request};
+pub use drive_name::drive_name;
 pub use hub::{Cursor, Hub, News};
 pub use lamps::{Lamp, Light};
 pub use session::{Error, Live, Source};
 pub use state::{Lamps, Phase, Recording, State};
-pub use tape::{Logs, drive_name};
+pub use tape::Logs;
 pub use view::{Piece, Section, SideView, Strip};

@@ -17,6 +17,7 @@ use crossfall_core::protocol::{Config, DeviceTime, schema};
 use crossfall_core::scan::{Points, RawScan, level};
 use crossfall_core::sensors::novatel::Quality;
 
+use super::account::Shared;
 use super::commands::Commands;
 use super::faults::{BOARD, Faults};
 use super::hub::Hub;
@@ -25,7 +26,6 @@ use super::player::Controls;
 use super::rock_test::{Gathering, RockTest};
 use super::session::{Heard, RockOrder};
 use super::state::{BoardState, Lamps, MarkerState, Motion, Phase, SourceState, State};
-use super::tape::Shared;
 use super::view::{Section, Strip};
 use crate::calibrate::{self, Estimate, Refusal, Surface};
 use crate::profiles::degrees;
@@ -55,6 +55,9 @@ const MILE_M: f64 = 1_609.344;
 
 /// Slower than this, sections a mile mean nothing: in metres a second.
 const WALKING_M_S: f64 = 0.5;
+
+/// What has not come for so long has no rate any more.
+const PRESENT: Duration = Duration::from_secs(2);
 
 /// How quickly shown rates follow: the part that the newest interval has.
 const FOLLOW: f64 = 0.05;
@@ -486,7 +489,7 @@ impl Model {
             unconfigured: summary.unconfigured,
             ..self.senses.clone()
         };
-        self.motion.scan_hz = self.senses.scan_hz;
+        let motion = self.moving(&senses);
         let state = State {
             kind: "state",
             source: self.source.clone(),
@@ -504,7 +507,7 @@ impl Model {
             losses: self.faults.counters().clone(),
             faults: self.faults.recent(),
             fault_count: self.faults.count,
-            motion: self.motion,
+            motion,
             markers: self.markers.iter().cloned().collect(),
             marker_count: self.marker_count,
             config_number: self.config_number,
@@ -513,6 +516,18 @@ impl Model {
             unviewed_frames: self.unheard.load(Ordering::Relaxed),
         };
         self.hub.lock().tell(state);
+    }
+
+    /// How the vehicle moves now: what comes no more says nothing of it.
+    fn moving(&self, senses: &Senses) -> Motion {
+        let comes = |age: Option<Duration>| senses.gone.is_none() && age.is_some_and(|age| age <= PRESENT);
+        let (scans, poses) = (comes(senses.scan_age), comes(senses.pose_age));
+        Motion {
+            scan_hz: if scans { senses.scan_hz } else { 0.0 },
+            speed_m_s: self.motion.speed_m_s.filter(|_| poses),
+            points_per_mile: self.motion.points_per_mile.filter(|_| scans && poses),
+            ..self.motion
+        }
     }
 }
 

@@ -13,13 +13,14 @@ use crossfall_core::protocol::message::{Command, Label};
 use serde::Deserialize;
 use tokio::sync::oneshot;
 
+use super::account::Shared;
 use super::commands::Commands;
 use super::film::Film;
 use super::hub::Hub;
 use super::model::Model;
 use super::player::{Controls, Player};
-use super::state::SourceState;
-use super::tape::{LiveTape, Logs, Shared};
+use super::state::{Recording, SourceState};
+use super::tape::{LiveTape, Logs};
 use crate::container;
 use crate::record::{self, Device, Notice, Port};
 
@@ -85,6 +86,7 @@ pub struct Live {
     controls: Option<Controls>,
     orders: Sender<Order>,
     heard: SyncSender<Heard>,
+    shared: Arc<Mutex<Shared>>,
     stop: Arc<AtomicBool>,
     threads: Mutex<Vec<JoinHandle<()>>>,
 }
@@ -146,7 +148,7 @@ impl Live {
             let (stop, recorded) = (Arc::clone(&stop), Arc::clone(&recorded));
             move || {
                 // The tape keeps its own errors: only the reader's thread can fail here, and the link's lamp shows that nothing comes.
-                let _failed = record::converse(
+                let conversed = record::converse(
                     &device,
                     port,
                     &mut tape,
@@ -160,10 +162,14 @@ impl Live {
                         !stop.load(Ordering::Relaxed)
                     },
                 );
+                if let Ok(summary) = conversed {
+                    shared.lock().unwrap_or_else(PoisonError::into_inner).summary = summary;
+                }
                 tape.finish();
                 recorded.store(true, Ordering::Relaxed);
             }
         };
+        let ended = Arc::clone(&shared);
         let model = {
             let mut model = Model::new(
                 Arc::clone(&hub),
@@ -195,7 +201,7 @@ impl Live {
             thread::Builder::new().name("recorder".to_owned()).spawn(recorder)?,
             thread::Builder::new().name("model".to_owned()).spawn(model)?,
         ];
-        Ok(Self { hub, commands, controls, orders, heard, stop, threads: Mutex::new(threads) })
+        Ok(Self { hub, commands, controls, orders, heard, shared: ended, stop, threads: Mutex::new(threads) })
     }
 
     /// What there is to see.
@@ -217,6 +223,19 @@ impl Live {
             _ => Order::Stop { tell: None },
         };
         self.order(order);
+    }
+
+    /// Halts a replay, or lets it go on; what comes of it shows in the state.
+    pub fn toggle_pause(&self) {
+        let Some(controls) = &self.controls else { return };
+        let transport = *controls.lock();
+        let _refused = self.pause(!(transport.paused || transport.ended));
+    }
+
+    /// The recordings that have ended and are not whole.
+    #[must_use]
+    pub fn broken(&self) -> Vec<Recording> {
+        self.shared.lock().unwrap_or_else(PoisonError::into_inner).broken.clone()
     }
 
     /// Drops a marker; what comes of it shows in the state.

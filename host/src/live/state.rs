@@ -121,17 +121,39 @@ pub struct Recording {
     pub markers: u64,
     /// Frames lost between board and log, damaged, and bytes without room.
     pub lost: u64,
+    /// What the board has counted as lost meanwhile: known when the recording has ended.
+    pub lost_on_board: u64,
     /// Times that the board booted within it: what was under way is lost, and nobody knows how much that is.
     pub restarts: u64,
+    /// Whether nothing was connected when it ended: what the board sent since is not known.
+    pub disconnected: bool,
+    /// Whether a configuration was to be in force when it ended and was not, or was not known to be.
+    pub unconfigured: bool,
     /// Why it ended early.
     pub error: Option<String>,
 }
 
 impl Recording {
-    /// Whether all that the board sent meanwhile is in it, as far as it is known.
+    /// What is amiss with it, in words; nothing when all that the board sent meanwhile is in it, as far as it is known.
+    #[must_use]
+    pub fn amiss(&self) -> Vec<String> {
+        let Self { frames, lost, lost_on_board, restarts, disconnected, unconfigured, ref error, .. } = *self;
+        let said = [
+            error.as_ref().map(|error| format!("ended early: {error}")),
+            (frames == 0).then(|| "no frame came".to_owned()),
+            (lost > 0).then(|| format!("{lost} lost")),
+            (lost_on_board > 0).then(|| format!("{lost_on_board} lost on the board")),
+            (restarts > 0).then(|| format!("{restarts} restarts of the board, before which not all was sent")),
+            disconnected.then(|| "not connected at the end".to_owned()),
+            unconfigured.then(|| "the configuration is not in force at the end, or not known to be".to_owned()),
+        ];
+        said.into_iter().flatten().collect()
+    }
+
+    /// Whether nothing is [`amiss`](Self::amiss).
     #[must_use]
     pub fn is_whole(&self) -> bool {
-        self.error.is_none() && self.lost == 0 && self.restarts == 0
+        self.amiss().is_empty()
     }
 }
 

@@ -69,7 +69,7 @@ impl Outbox {
     }
 
     /// The next frame to be written.
-    pub(super) fn take(&self) -> Option<Vec<u8>> {
+    pub(crate) fn take(&self) -> Option<Vec<u8>> {
         self.lock().frames.pop_front().map(|(_, frame)| frame)
     }
 

@@ -4,7 +4,8 @@
 //! `frames`: a sequence of PCD, LAS or LAZ files, one a frame, in the order of the numbers (or else the names) they bear.
 //! `poses.txt` has the poses ([`Poses`]), sensor to world, or another file that the user names, or what the KITTI data set has for
 //! `sequences/NN`: `../../poses/NN.txt`. `times.txt`, where there is one, has seconds a line; `objects.csv`, where there is one, boxes
-//! of moving objects in the world frame.
+//! of moving objects in the world frame. As many poses or times as frames are theirs, one after the other. Of more, as where only a part of a drive
+//! was copied, each frame has the one that its file's number names, counted from 0, and so with objects; what no number can settle is refused.
 //!
 //! Points are in the sensor's axes, unless the user says that they are in the world's: they are then taken back by the
 //! frame's pose, in `f64`.
@@ -60,7 +61,7 @@ pub enum Error {
         /// What was expected.
         what: String,
     },
-    /// Too few lines for the frames.
+    /// Too few lines for the frames, or more of which nothing tells whose they are.
     #[error("{}: {found} {what} for {frames} frames", path.display())]
     Count {
         /// The file.
@@ -180,7 +181,18 @@ pub struct FrameFolder {
     poses: Poses,
     times: Option<Vec<f64>>,
     objects: BTreeMap<usize, Vec<MovingBox>>,
+    /// Which pose, time and number of objects the first frame has; the others follow.
+    first: First,
     world_points: bool,
+    remarks: Vec<String>,
+}
+
+/// See [`FrameFolder`].
+#[derive(Clone, Copy, Debug, Default)]
+struct First {
+    pose: usize,
+    time: usize,
+    object: usize,
 }
 
 /// Time between frames where no `times.txt` tells: ten turns a second.
@@ -192,36 +204,37 @@ impl FrameFolder {
     /// # Errors
     /// Missing or malformed files: with file, line and what was expected.
     pub fn open(folder: &Path, choices: &Choices) -> Result<Self, Error> {
-        let (files, format) = list_frames(folder)?;
+        let (listed, format) = list_frames(folder)?;
+        let mut remarks = Vec::new();
+        let mut first = First::default();
         let poses_path = choices.poses.clone().unwrap_or_else(|| own_poses(folder));
         let mut poses = Poses::read(&poses_path)?;
         let times_path = folder.join("times.txt");
         let times = if times_path.exists() {
             let times = read_times(&times_path)?;
-            if times.len() < files.len() {
-                return Err(Error::Count { path: times_path, found: times.len(), what: "times", frames: files.len() });
-            }
+            first.time = listed.first_of(&times_path, "times", times.len(), &mut remarks)?;
             Some(times)
         } else {
             None
         };
         match &poses {
-            Poses::Frames(all) if all.len() < files.len() => {
-                return Err(Error::Count { path: poses_path, found: all.len(), what: "poses", frames: files.len() });
-            }
+            Poses::Frames(all) => first.pose = listed.first_of(&poses_path, "poses", all.len(), &mut remarks)?,
             Poses::Trajectory(_) if times.is_none() => {
                 let what = "a trajectory needs times.txt beside the frames".into();
                 return Err(Error::Line { path: poses_path, line: 1, what });
             }
-            _ => {}
+            Poses::Trajectory(_) => {}
         }
         let calibration = folder.join("calib.txt");
-        if calibration.exists() {
-            poses.calibrate(&calibration)?;
+        if calibration.exists() && poses.calibrate(&calibration)? {
+            let (poses, calibration) = (poses_path.display(), calibration.display());
+            remarks.push(format!("{poses}: poses of the camera, taken to the LiDAR through {calibration}"));
         }
         let objects_path = folder.join("objects.csv");
         let objects = if objects_path.exists() { read_objects(&objects_path)? } else { BTreeMap::new() };
-        Ok(Self { files, format, poses, times, objects, world_points: choices.world_points })
+        first.object = first.pose.max(first.time);
+        let (files, world_points) = (listed.files, choices.world_points);
+        Ok(Self { files, format, poses, times, objects, first, world_points, remarks })
     }
 
     /// Number of frames.
@@ -242,16 +255,23 @@ impl FrameFolder {
         self.files.get(index).map(PathBuf::as_path)
     }
 
+    /// How poses and times were understood where there is more than one way, in words.
+    #[must_use]
+    pub fn remarks(&self) -> &[String] {
+        &self.remarks
+    }
+
     /// The sensor's pose in a frame.
     #[must_use]
     pub fn pose(&self, index: usize) -> Option<SensorPose> {
-        self.poses.of(index, self.times.as_ref().and_then(|times| times.get(index).copied()))
+        let time_s = self.times.as_ref().and_then(|times| times.get(self.first.time + index).copied());
+        self.poses.of(self.first.pose + index, time_s)
     }
 
     /// Boxes to reject in a frame.
     #[must_use]
     pub fn boxes(&self, index: usize) -> &[MovingBox] {
-        self.objects.get(&index).map_or(&[], Vec::as_slice)
+        self.objects.get(&(self.first.object + index)).map_or(&[], Vec::as_slice)
     }
 
     /// Microseconds since the frame before; 0 for the first.
@@ -259,7 +279,10 @@ impl FrameFolder {
     pub fn step_us(&self, index: usize) -> u32 {
         let Some(before) = index.checked_sub(1) else { return 0 };
         match &self.times {
-            Some(times) => ((times[index] - times[before]) * 1e6).clamp(0.0, 4e9) as u32,
+            Some(times) => {
+                let time_s = |index| times[self.first.time + index];
+                ((time_s(index) - time_s(before)) * 1e6).clamp(0.0, 4e9) as u32
+            }
             None => DEFAULT_STEP_US,
         }
     }
@@ -341,12 +364,44 @@ fn own_poses(folder: &Path) -> PathBuf {
     }
 }
 
-/// The frames of a folder in their order, and their format.
-fn list_frames(folder: &Path) -> Result<(Vec<PathBuf>, Format), Error> {
+/// The frames of a folder in their order.
+struct Listed {
+    files: Vec<PathBuf>,
+    /// The first one's number, where the files bear numbers that leave none out.
+    number: Option<usize>,
+}
+
+impl Listed {
+    /// Which of `found` poses or times is the first frame's.
+    fn first_of(
+        &self,
+        path: &Path,
+        what: &'static str,
+        found: usize,
+        remarks: &mut Vec<String>,
+    ) -> Result<usize, Error> {
+        let frames = self.files.len();
+        if found == frames {
+            return Ok(0);
+        }
+        let named = self.number.filter(|number| number.saturating_add(frames) <= found);
+        let Some(first) = named else { return Err(Error::Count { path: path.into(), found, what, frames }) };
+        let name = self.files[0].file_name().unwrap_or_default().display();
+        remarks.push(format!(
+            "{}: {found} {what} for {frames} frames: taken by the files' numbers; {first} before {name} and {} behind the last are not used",
+            path.display(),
+            found - first - frames
+        ));
+        Ok(first)
+    }
+}
+
+/// The frames of a folder, and their format.
+fn list_frames(folder: &Path) -> Result<(Listed, Format), Error> {
     let velodyne = folder.join("velodyne");
     if velodyne.is_dir() {
-        let files = listed(&velodyne, &["bin"])?;
-        return if files.is_empty() { Err(Error::NoFrames(folder.into())) } else { Ok((files, Format::Kitti)) };
+        let frames = listed(&velodyne, &["bin"])?;
+        return if frames.files.is_empty() { Err(Error::NoFrames(folder.into())) } else { Ok((frames, Format::Kitti)) };
     }
     for place in [folder.to_path_buf(), folder.join("frames"), folder.join("pcd"), folder.join("las")] {
         // A folder that is not there is the user's mistake only if it is the one named.
@@ -354,9 +409,9 @@ fn list_frames(folder: &Path) -> Result<(Vec<PathBuf>, Format), Error> {
             continue;
         }
         for (format, endings) in [(Format::Pcd, &["pcd"][..]), (Format::Las, &["las", "laz"])] {
-            let files = listed(&place, endings)?;
-            if !files.is_empty() {
-                return Ok((files, format));
+            let frames = listed(&place, endings)?;
+            if !frames.files.is_empty() {
+                return Ok((frames, format));
             }
         }
     }
@@ -365,7 +420,7 @@ fn list_frames(folder: &Path) -> Result<(Vec<PathBuf>, Format), Error> {
 
 /// Files of some endings, by their numbers where all names are numbers, else by their names. Numbers that count from 0 or 1 must
 /// leave none out.
-fn listed(folder: &Path, endings: &[&str]) -> Result<Vec<PathBuf>, Error> {
+fn listed(folder: &Path, endings: &[&str]) -> Result<Listed, Error> {
     let read = |source| Error::Read { path: folder.into(), source };
     let mut files = Vec::new();
     for entry in fs::read_dir(folder).map_err(read)? {
@@ -378,16 +433,19 @@ fn listed(folder: &Path, endings: &[&str]) -> Result<Vec<PathBuf>, Error> {
     files.sort();
     let stem = |path: &PathBuf| path.file_stem().and_then(|stem| stem.to_str()).map(str::to_owned);
     let numbers: Option<Vec<u64>> = files.iter().map(|path| stem(path)?.parse().ok()).collect();
-    let Some(numbers) = numbers.filter(|numbers| !numbers.is_empty()) else { return Ok(files) };
+    let Some(numbers) = numbers.filter(|numbers| !numbers.is_empty()) else {
+        return Ok(Listed { files, number: None });
+    };
     let mut numbered: Vec<(u64, PathBuf)> = numbers.into_iter().zip(files).collect();
     numbered.sort();
     let (first, last) = (numbered[0].0, numbered[numbered.len() - 1].0);
     let counted = first <= 1 && last < 100_000_000;
-    let gap = numbered.iter().zip(first..).find(|((number, _), wanted)| number != wanted);
-    if let Some((_, missing)) = gap.filter(|_| counted) {
+    let gap = numbered.iter().zip(first..).find(|((number, _), wanted)| number != wanted).map(|(_, missing)| missing);
+    if let Some(missing) = gap.filter(|_| counted) {
         return Err(Error::Gap { folder: folder.into(), missing: missing as usize, last: last as usize });
     }
-    Ok(numbered.into_iter().map(|(_, path)| path).collect())
+    let number = gap.is_none().then_some(first).and_then(|first| usize::try_from(first).ok());
+    Ok(Listed { files: numbered.into_iter().map(|(_, path)| path).collect(), number })
 }
 
 fn read_times(path: &Path) -> Result<Vec<f64>, Error> {

@@ -228,11 +228,17 @@ impl<'a, V: Vectors> Mapper<'a, V> {
 
     /// Tile, column and row of a world position.
     fn place(&self, x: f64, y: f64) -> (TileKey, usize, usize) {
-        let cell = self.map.cell_um() as f64 * 1e-6;
+        let cell = self.cell_m();
         let (ix, iy) = ((x / cell).floor() as i64, (y / cell).floor() as i64);
         let side = TILE_SIDE as i64;
         let key = TileKey { x: ix.div_euclid(side) as i32, y: iy.div_euclid(side) as i32 };
         (key, ix.rem_euclid(side) as usize, iy.rem_euclid(side) as usize)
+    }
+
+    /// Side of a cell, m: the nearest to its micrometres that there is, which their product with 1e-6 is not.
+    #[must_use]
+    pub fn cell_m(&self) -> f64 {
+        self.map.cell_um() as f64 / 1e6
     }
 
     /// World height of a cell's quarter-millimetre height, m.

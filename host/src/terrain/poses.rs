@@ -5,7 +5,7 @@
 //! straight between positions and along the arc between attitudes, and a frame outside the trajectory, or in a hole of more than a
 //! second, has none. Lines that begin with `#` are comments. Where a `calib.txt` with a `Tr` line lies beside, matrices are KITTI's own: of the left camera (z
 //! ahead, y down), in the frame of the first one. They are then carried over to the LiDAR through `Tr`, and the world is
-//! the first frame's LiDAR.
+//! the first frame's LiDAR. A trajectory is the LiDAR's always.
 
 use std::fs;
 use std::path::Path;
@@ -78,17 +78,15 @@ impl Poses {
         }
     }
 
-    /// Carries camera poses over to the LiDAR, see `calib.txt` above.
+    /// Carries camera poses over to the LiDAR, see `calib.txt` above. Returns whether these are such.
     ///
     /// # Errors
     /// A file without a `Tr` line, or with a malformed one.
-    pub fn calibrate(&mut self, calibration: &Path) -> Result<(), Error> {
+    pub fn calibrate(&mut self, calibration: &Path) -> Result<bool, Error> {
+        let Self::Frames(all) = self else { return Ok(false) };
         let tr = read_tr(calibration)?;
-        match self {
-            Self::Frames(all) => all.iter_mut().for_each(|pose| *pose = through_camera(pose, &tr)),
-            Self::Trajectory(all) => all.iter_mut().for_each(|(_, pose)| *pose = through_camera(pose, &tr)),
-        }
-        Ok(())
+        all.iter_mut().for_each(|pose| *pose = through_camera(pose, &tr));
+        Ok(true)
     }
 }
 

@@ -59,7 +59,7 @@ impl Grid {
     /// # Errors
     /// A map of which no frame more should be taken in.
     pub fn check(mapper: &Mapper<'_>) -> Result<(), TooLarge> {
-        let cell_m = mapper.map().cell_um() as f64 * 1e-6;
+        let cell_m = mapper.cell_m();
         mapper.bounds_behind().map_or(Ok(()), |bounds| check(bounds, cell_m))
     }
 
@@ -80,7 +80,7 @@ impl Grid {
         keys: impl Fn() -> K,
         window_only: bool,
     ) -> Option<Self> {
-        let cell_m = mapper.map().cell_um() as f64 * 1e-6;
+        let cell_m = mapper.cell_m();
         let [low, high] = keys().fold(None, |bounds, key| Some(around(bounds, key)))?;
         let blocks = keys().map(|key| block_of(key, low, high)).collect();
         Some(Self { cell_m, low, high, blocks, window_only })
@@ -108,7 +108,8 @@ impl Grid {
     #[must_use]
     pub fn north_west(&self) -> [f64; 2] {
         let [column, row] = self.corner();
-        [column as f64 * self.cell_m, (row + self.height() as i64) as f64 * self.cell_m]
+        // To the micrometre, which is what a cell's side is told in.
+        [column, row + self.height() as i64].map(|cells| (cells as f64 * self.cell_m * 1e6).round() / 1e6)
     }
 
     /// Number of blocks that hold something.

@@ -142,6 +142,15 @@ impl Source {
         }
     }
 
+    /// How the source was understood where there is more than one way, in words.
+    #[must_use]
+    pub fn remarks(&self) -> &[String] {
+        match &self.kind {
+            Kind::Folder(folder) => folder.remarks(),
+            Kind::Turns(_) | Kind::Drive(_) => &[],
+        }
+    }
+
     /// What was lost on the way, in words; nothing if nothing was.
     #[must_use]
     pub fn losses(&self) -> Vec<String> {

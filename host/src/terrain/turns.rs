@@ -267,7 +267,7 @@ impl Turns {
     /// Opens a capture: `poses` is a file of as many matrices as there are turns, or a trajectory in the capture's own time.
     ///
     /// # Errors
-    /// A file that is no capture, without a complete turn, or too few poses.
+    /// A file that is no capture, without a complete turn, or another number of matrices.
     pub fn open(path: &Path, poses: &Path) -> Result<Self, Error> {
         let mut reader = Reader::open(path)?;
         let (mut times, mut largest) = (Vec::new(), 0);
@@ -286,7 +286,7 @@ impl Turns {
         let poses_file = poses;
         let poses = Poses::read(poses)?;
         if let Poses::Frames(all) = &poses
-            && all.len() < times.len()
+            && all.len() != times.len()
         {
             let frames = times.len();
             return Err(Error::Count { path: poses_file.into(), found: all.len(), what: "poses", frames });

@@ -80,6 +80,11 @@ pub struct Bench {
 }
 
 impl Bench {
+    /// The capture of [`Bench::on_capture`].
+    pub fn capture() -> &'static Path {
+        &drives().capture
+    }
+
     pub fn on_capture(speed: f64) -> Self {
         Self::on_capture_with(speed, Access::ThisComputer)
     }

@@ -6,13 +6,15 @@ mod devtools;
 mod report;
 
 use std::fs;
-use std::io::{Read, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
+use std::process::{Command, Stdio};
 use std::thread;
 use std::time::Duration;
 
 use bench::{Bench, Viewer, await_that, http, marker_labels};
+use crossfall::live::{Live, Phase, Source};
 use crossfall::serve::Access;
 use crossfall::simulate::scene::Scene;
 use crossfall::{config, verify};
@@ -183,6 +185,54 @@ fn a_log_is_played_wound_and_measured_anew() {
 }
 
 #[test]
+fn a_replay_that_has_ended_begins_again_unless_it_is_recorded() {
+    let folder = tempfile::tempdir().unwrap();
+    let live = Live::start(&Source::File(Bench::capture().into()), folder.path(), 50.0, None).unwrap();
+    let replay = || live.hub().state().replay.unwrap();
+    await_that("the end", || replay().ended);
+    live.toggle_recording();
+    await_that("a recording", || live.hub().state().recording.phase == Phase::Recording);
+    live.toggle_pause();
+    thread::sleep(Duration::from_millis(500));
+    assert!(replay().ended, "time must not jump in a log");
+    live.toggle_recording();
+    await_that("its end", || live.hub().state().recording.phase == Phase::Idle);
+    live.controls().unwrap().lock().speed = 1.0;
+    live.toggle_pause();
+    await_that("another beginning", || !replay().ended && replay().position_s < 5.0);
+    live.toggle_pause();
+    await_that("a pause", || replay().paused);
+    live.finish();
+}
+
+/// Two recordings of a board that is not there, the second one ended by Ctrl-C.
+#[cfg(unix)]
+#[test]
+fn recordings_without_a_frame_end_the_server_with_3() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut server = Command::new(env!("CARGO_BIN_EXE_crossfall"))
+        .args(["serve", "--device", "tcp:127.0.0.1:1", "--listen", "127.0.0.1:0"])
+        .current_dir(folder.path())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut told = BufReader::new(server.stderr.take().unwrap());
+    let mut line = String::new();
+    told.read_line(&mut line).unwrap();
+    let address = line.split("http://").nth(1).and_then(|rest| rest.split('/').next()).unwrap().parse().unwrap();
+    let ask = |body: &str| assert_eq!(http(address, "POST /api/command HTTP/1.1", &[], body).status, 200, "{body}");
+    ask(r#"{"do":"record","name":"first"}"#);
+    ask(r#"{"do":"stop"}"#);
+    ask(r#"{"do":"record","name":"second"}"#);
+    assert!(Command::new("kill").args(["-INT", &server.id().to_string()]).status().unwrap().success());
+    assert_eq!(server.wait().unwrap().code(), Some(3));
+    line.clear();
+    told.read_to_string(&mut line).unwrap();
+    assert_eq!(line.matches("no frame came").count(), 2, "{line}");
+    assert!(line.contains("first.log.mcap: ") && line.contains("second.log.mcap: "), "{line}");
+}
+
+#[test]
 fn what_cannot_be_is_refused_in_words() {
     let bench = Bench::on_capture(1.0);
     let mut viewer = Viewer::join(bench.address);
@@ -268,9 +318,13 @@ fn an_unplugged_board_is_told_with_its_reason_and_comes_back() {
     let mut viewer = Viewer::join(bench.address);
     viewer.until_state(|state| state["lamps"]["lidar"]["light"] == "good");
     assert_eq!(viewer.ask(json!({ "do": "record", "name": "plug" }))["ok"], true);
-    viewer.until_state(|state| state["recording"]["profiles"].as_u64() > Some(10));
+    let moving = viewer.until_state(|state| state["recording"]["profiles"].as_u64() > Some(10));
+    assert!(moving["motion"]["scan_hz"].as_f64() > Some(30.0) && moving["motion"]["speed_m_s"].is_f64());
     bench.board.as_ref().unwrap().unplug();
     let gone = viewer.until_state(|state| state["lamps"]["link"]["light"] == "bad");
+    let motion = &gone["motion"];
+    assert_eq!((&motion["scan_hz"], &motion["speed_m_s"]), (&json!(0.0), &json!(null)), "nothing comes any more");
+    assert!(motion["points_per_mile"].is_null() && motion["station_m"].is_f64(), "{motion}");
     let lamp = &gone["lamps"]["link"];
     assert!(lamp["words"].as_str().unwrap().contains("no connection"), "{lamp}");
     assert!(lamp["advice"].as_str().unwrap().contains("cable"), "{lamp}");
