@@ -337,7 +337,7 @@ fn full(free: u64) -> String {
 
 /// What the connection has lost.
 fn lost(summary: &Summary) -> u64 {
-    summary.bad_frames + summary.missing_frames + summary.bytes_lost
+    summary.bad_frames + summary.missing_frames + summary.unknown_gaps + summary.bytes_lost
 }
 
 impl Tape for LiveTape {
