@@ -199,7 +199,7 @@ pub fn read(path: &Path) -> Result<Drive, Error> {
         if restarted {
             stretches.add(gatherer.restart());
         }
-        damage += u64::from(matches!(gap, Gap::Missing(_)));
+        damage += u64::from(matches!(gap, Gap::Missing(_) | Gap::Unknown));
         match message {
             Message::Config(config) => gatherer.configure(config),
             Message::Pose(pose) => gatherer.pose(&pose),

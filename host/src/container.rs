@@ -7,10 +7,13 @@
 //!
 //! Bounds: one chunk is in memory at a time, and no chunk larger than [`MAX_CHUNK`] is accepted, whatever its header says.
 
+pub(crate) mod disk;
+
 use std::fs::{self, File};
 use std::io::{self, BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 
+use disk::{Disk, Source};
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
@@ -25,6 +28,9 @@ const AGAIN: u64 = 8;
 
 /// Length of a footer's body.
 const FOOTER: u64 = 20;
+
+/// Bytes in which a chunk is looked for at some places of a file that does not begin as it should.
+const LOOK: u64 = 1 << 20;
 
 /// Opcode and length in front of every record.
 const HEAD: u64 = 9;
@@ -156,8 +162,10 @@ pub(crate) struct Contents {
 #[derive(Debug)]
 pub(crate) struct Container {
     path: PathBuf,
-    file: BufReader<File>,
+    file: BufReader<Disk>,
     size: u64,
+    /// How it begins, if not as an MCAP file does.
+    strange: Option<String>,
     position: u64,
     closed: bool,
     /// Bytes that were walked more than once, see [`Container::resume`].
@@ -167,6 +175,19 @@ pub(crate) struct Container {
 impl Container {
     /// Opens a file and checks that it is one of MCAP.
     pub fn open(path: &Path) -> Result<Self, Error> {
+        let container = Self::open_as(path, false)?;
+        match container.foreign() {
+            None => Ok(container),
+            Some(error) => Err(error),
+        }
+    }
+
+    /// Opens a file that may be one of MCAP, see [`Container::foreign`]. Of one whose disk has bad sectors these are zeros, see [`Container::unreadable`].
+    pub fn open_damaged(path: &Path) -> Result<Self, Error> {
+        Self::open_as(path, true)
+    }
+
+    fn open_as(path: &Path, patient: bool) -> Result<Self, Error> {
         let wrap = |source| Error::Io { path: path.to_path_buf(), source };
         // Looked at before it is opened: opening a pipe waits for its writer.
         let metadata = fs::metadata(path).map_err(wrap)?;
@@ -178,15 +199,62 @@ impl Container {
             return Err(wrap(io::Error::new(io::ErrorKind::NotSeekable, what)));
         }
         let file = File::open(path).map_err(wrap)?;
-        let mut file = BufReader::with_capacity(1 << 16, file);
-        let mut start = Vec::with_capacity(mcap::MAGIC.len());
-        file.by_ref().take(mcap::MAGIC.len() as u64).read_to_end(&mut start).map_err(wrap)?;
+        Self::over(path, Box::new(file), metadata.len(), patient)
+    }
+
+    /// Over what is read as the file `path` of `size` bytes.
+    pub(crate) fn over(path: &Path, source: Box<dyn Source>, size: u64, patient: bool) -> Result<Self, Error> {
+        let file = BufReader::with_capacity(1 << 16, Disk::new(source, size, patient));
+        let mut container =
+            Self { path: path.to_path_buf(), file, size, strange: None, position: 0, closed: false, again: 0 };
+        let start = container.bytes(0, mcap::MAGIC.len())?;
         if start != mcap::MAGIC {
-            let found = if start.is_empty() { "nothing (it is empty)".to_owned() } else { hex(&start) };
-            return Err(Error::Foreign { path: path.to_path_buf(), found });
+            container.strange = Some(if start.is_empty() { "nothing (it is empty)".to_owned() } else { hex(&start) });
         }
-        let position = start.len() as u64;
-        Ok(Self { path: path.to_path_buf(), file, size: metadata.len(), position, closed: false, again: 0 })
+        container.position = start.len() as u64;
+        Ok(container)
+    }
+
+    /// The error of a file that does not begin as one of MCAP.
+    pub fn foreign(&self) -> Option<Error> {
+        Some(Error::Foreign { path: self.path.clone(), found: self.strange.clone()? })
+    }
+
+    /// Whether a file that does not begin as one of MCAP may be one all the same: by its end, or by the chunks at some places of it. What is looked at is bounded,
+    /// however large it is; the chunks of a log are much nearer to each other than that.
+    pub fn may_be_damaged(&mut self) -> Result<bool, Error> {
+        const PLACES: u64 = 8;
+        let mark = mcap::MAGIC.len();
+        if self.size >= 2 * mark as u64 && self.bytes(self.size - mark as u64, mark)? == mcap::MAGIC {
+            return Ok(true);
+        }
+        let last = self.size.saturating_sub(LOOK);
+        for place in 0..=PLACES {
+            let from = last / PLACES * place;
+            if self.chunk_between(from, from + LOOK)?.is_some() {
+                return Ok(true);
+            }
+            if last == 0 {
+                break;
+            }
+        }
+        Ok(false)
+    }
+
+    /// Damage told once for each place in front of `below` that the disk could not read, with where it begins and ends.
+    pub fn unreadable(&mut self, below: u64) -> Vec<(std::ops::Range<u64>, Error)> {
+        let Some(why) = self.file.get_ref().failure() else { return Vec::new() };
+        let places = self.file.get_mut().unreadable(below);
+        let told = places.into_iter().map(|place| {
+            let what = format!("{} bytes cannot be read: {why}", place.end - place.start);
+            (place.clone(), self.damaged(place.start, what))
+        });
+        told.collect()
+    }
+
+    /// Why something could not be read, if anything.
+    pub fn failure(&self) -> Option<Error> {
+        self.file.get_ref().failure().map(|source| Error::Io { path: self.path.clone(), source })
     }
 
     /// The file's name.
@@ -343,9 +411,13 @@ impl Container {
 
     /// The first byte from `from` on at which a chunk begins.
     fn chunk_from(&mut self, from: u64) -> Result<Option<u64>, Error> {
+        self.chunk_between(from, self.size)
+    }
+
+    fn chunk_between(&mut self, from: u64, to: u64) -> Result<Option<u64>, Error> {
         // The next one is mostly near.
         let (mut base, mut window) = (from, 1 << 12);
-        while base < self.size {
+        while base < to.min(self.size) {
             let bytes = self.bytes(base, window + CHUNK_HEAD_MAX)?;
             let found = (0..bytes.len().min(window)).find(|&i| begins_chunk(&bytes[i..], self.size - base - i as u64));
             if let Some(i) = found {

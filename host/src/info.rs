@@ -46,15 +46,15 @@ pub struct Info {
 pub fn look(path: &Path) -> Result<Info, Error> {
     match Reader::open(path) {
         Ok(capture) => look_at_capture(capture),
-        Err(Error::Content { .. }) => match Stream::open(path) {
-            Ok(log) => look_at_log(log),
-            Err(Error::Content { path, .. }) => {
+        // A damaged log is no capture for more reasons than one.
+        Err(no_capture) => match (Stream::open(path), no_capture) {
+            (Ok(log), _) => look_at_log(log),
+            (Err(Error::Content { path, .. }), Error::Content { .. }) => {
                 let what = "neither a capture (channels lidar, ins, pps) nor a log (channel wire)".to_owned();
                 Err(Error::Content { path, what })
             }
-            Err(error) => Err(error),
+            (Err(Error::Content { .. }), error) | (Err(error), _) => Err(error),
         },
-        Err(error) => Err(error),
     }
 }
 
@@ -110,19 +110,15 @@ fn look_at_chunks<S: Scanner>(
 
 fn look_at_log(mut log: Stream) -> Result<Info, Error> {
     let mut info = Info { kind: "log", ..Info::default() };
-    let (mut frames, mut bad, mut missing, mut profiles) = (0, 0, 0, 0);
+    let (mut frames, mut bad, mut profiles) = (0, 0, 0);
     let (mut span, mut totals) = (Span::default(), Totals::default());
     while let Some((_, item)) = log.next() {
         match item {
             Item::Message { message, gap } => {
                 frames += 1;
-                match gap {
-                    Gap::None => {}
-                    Gap::Missing(count) => missing += u64::from(count),
-                    Gap::Restarted => {
-                        span.restart();
-                        totals.restart();
-                    }
+                if gap == Gap::Restarted {
+                    span.restart();
+                    totals.restart();
                 }
                 span.see(&message);
                 match message {
@@ -148,7 +144,8 @@ fn look_at_log(mut log: Stream) -> Result<Info, Error> {
     for (name, count) in [
         ("frames", frames),
         ("bad_frames", bad),
-        ("missing_frames", missing),
+        ("missing_frames", log.missing()),
+        ("unknown_gaps", log.unknown_gaps()),
         ("profiles", profiles),
         ("restarts", totals.restarts()),
     ] {

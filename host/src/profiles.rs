@@ -266,7 +266,7 @@ impl Iterator for Rows {
             };
             match gap {
                 Gap::None => {}
-                Gap::Missing(_) => self.damage += 1,
+                Gap::Missing(_) | Gap::Unknown => self.damage += 1,
                 Gap::Restarted => self.track.restart(),
             }
             match message {

@@ -76,6 +76,8 @@ pub struct Summary {
     pub bad_frames: u64,
     /// Frames that the sequence numbers prove missing.
     pub missing_frames: u64,
+    /// Gaps of which it is not known how many frames they cost: they took longer than the numbers count.
+    pub unknown_gaps: u64,
     /// Bytes that found no room in the buffer.
     pub bytes_lost: u64,
     /// Times that a lost connection came back.
@@ -98,7 +100,8 @@ impl Summary {
     #[must_use]
     pub fn lost(&self) -> bool {
         let known = self.bad_frames > 0 || self.missing_frames > 0 || self.bytes_lost > 0 || self.frames == 0;
-        known || self.totals.restarts() > 0 || self.disconnected || !self.totals.losses_since().is_empty()
+        let told = self.totals.restarts() > 0 || self.disconnected || !self.totals.losses_since().is_empty();
+        known || self.unknown_gaps > 0 || told
     }
 }
 

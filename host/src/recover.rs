@@ -9,6 +9,7 @@
 //! it done. The old files are only read. Several files of one recording become one log.
 
 use std::collections::BTreeMap;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use crossfall_core::protocol::frame::{Event, Gap, HostDecoder, Sequence};
@@ -83,12 +84,16 @@ pub struct Report {
     pub frames_lost: u64,
     /// Of these, frames missing where the file is damaged; the others never reached it.
     pub frames_lost_in_file: u64,
+    /// Gaps of which it is not known how many frames they cost: they took longer than the numbers count.
+    pub unknown_gaps: u64,
     /// Seconds of receive time across all holes: an upper bound of what is lost.
     pub seconds_lost: f64,
     /// Bytes of damaged places that gave no frame.
     pub bytes_lost: u64,
     /// Files that do not end as a closed one does: what came after their last frame, at most one second, is unknown.
     pub open_ends: u64,
+    /// Files of the recording that others name and that are not there, or cannot be read at all: what was in them is unknown.
+    pub files_missing: u64,
     /// Times that the board booted again: what was under way is unknown.
     pub restarts: u64,
     /// Places of the files that were damaged, with or without a loss.
@@ -118,7 +123,16 @@ impl Report {
 ///
 /// # Errors
 /// When nothing can be read at all, the new log cannot be written, or does not prove itself.
-pub fn recover(files: &[PathBuf], to: &Path, mut progress: impl FnMut(usize, u64)) -> Result<Report, Error> {
+pub fn recover(files: &[PathBuf], to: &Path, progress: impl FnMut(usize, u64)) -> Result<Report, Error> {
+    recover_with(files, to, log::Reader::open, progress)
+}
+
+fn recover_with(
+    files: &[PathBuf],
+    to: &Path,
+    open: impl Fn(&Path) -> Result<log::Reader, Damage>,
+    mut progress: impl FnMut(usize, u64),
+) -> Result<Report, Error> {
     let mut recovery = Recovery {
         log: log::Writer::create(to)?,
         report: Report::default(),
@@ -131,12 +145,29 @@ pub fn recover(files: &[PathBuf], to: &Path, mut progress: impl FnMut(usize, u64
         described: BTreeMap::new(),
     };
     for (number, file) in files.iter().enumerate() {
-        recovery.file(file, |offset| progress(number, offset))?;
+        match open(file) {
+            Ok(reader) => recovery.file(file, reader, |offset| progress(number, offset))?,
+            // Nothing can be told of a recording whose first file is none.
+            Err(error) if number == 0 => return Err(error.into()),
+            Err(Damage::Interrupted) => return Err(Error::Interrupted),
+            Err(error) => recovery.missing_file(file, &error),
+        }
+    }
+    // Nothing behind a last file that cannot be opened says what it held.
+    if let Some(hole) = &mut recovery.hole {
+        hole.frames = None;
+        recovery.close(0);
     }
     let Recovery { mut log, mut report, hash, described, bad, sequence, .. } = recovery;
     // Broken frames behind which none follows: no number says that they are missing.
     report.frames_lost = sequence.missing() + bad;
-    report.lost = report.frames_lost > 0 || report.bytes_lost > 0 || report.open_ends > 0 || report.restarts > 0;
+    report.unknown_gaps = sequence.unknown();
+    report.lost = report.frames_lost > 0
+        || report.unknown_gaps > 0
+        || report.files_missing > 0
+        || report.bytes_lost > 0
+        || report.open_ends > 0
+        || report.restarts > 0;
     report.lost |= report.frames == 0;
     for (name, entries) in described {
         log.metadata(&name, entries)?;
@@ -165,6 +196,8 @@ struct Hole {
     seconds: Option<f64>,
     /// Bytes of the file that had given no frame before.
     unread: u64,
+    /// Bytes of files that cannot be opened.
+    closed_bytes: u64,
     what: String,
 }
 
@@ -184,8 +217,8 @@ struct Recovery {
 }
 
 impl Recovery {
-    fn file(&mut self, file: &Path, mut progress: impl FnMut(u64)) -> Result<(), Error> {
-        let mut reader = log::Reader::open(file)?;
+    fn file(&mut self, file: &Path, mut reader: log::Reader, mut progress: impl FnMut(u64)) -> Result<(), Error> {
+        let mut given_up = false;
         while let Some(item) = reader.next() {
             match item {
                 Ok(frame) => {
@@ -193,10 +226,13 @@ impl Recovery {
                     self.frame(file, &frame, reader.unread())?;
                 }
                 Err(Damage::Interrupted) => return Err(Error::Interrupted),
-                Err(error @ Damage::Io { .. }) => return Err(error.into()),
-                Err(error) => self.damage(file, &error, &reader),
+                Err(error) => {
+                    given_up |= matches!(error, Damage::Io { .. });
+                    self.damage(file, &error, &reader);
+                }
             }
         }
+        self.report.files_missing += u64::from(given_up);
         for (name, entries) in reader.metadata() {
             if !matches!(name.as_str(), metadata::PART | metadata::RECOVERED) {
                 // Frames know better who sent them.
@@ -206,6 +242,30 @@ impl Recovery {
         // Nothing behind it says what it cost.
         self.close(reader.unread());
         Ok(())
+    }
+
+    /// A file that cannot be opened, between others.
+    fn missing_file(&mut self, file: &Path, error: &Damage) {
+        self.report.damages += 1;
+        self.report.files_missing += 1;
+        let bytes = fs::metadata(file).map_or(0, |metadata| metadata.len());
+        if let Some(hole) = &mut self.hole {
+            hole.closed_bytes += bytes;
+            return;
+        }
+        self.hole = Some(Hole {
+            file: file.to_path_buf(),
+            offset: 0,
+            until: 0,
+            in_file: true,
+            open_end: false,
+            frames: Some(0),
+            since_ns: None,
+            seconds: None,
+            unread: 0,
+            closed_bytes: bytes,
+            what: error.what(),
+        });
     }
 
     fn damage(&mut self, file: &Path, error: &Damage, reader: &log::Reader) {
@@ -223,6 +283,7 @@ impl Recovery {
             since_ns: None,
             seconds: None,
             unread,
+            closed_bytes: 0,
             what: error.what(),
         });
         hole.until = hole.until.max(damaged_to);
@@ -289,6 +350,7 @@ impl Recovery {
         let (count, what) = match gap {
             Gap::None => return,
             Gap::Missing(count) => (Some(u64::from(count)), "frames are missing".to_owned()),
+            Gap::Unknown => (None, "frames are missing, too many for their numbers to count".to_owned()),
             Gap::Restarted => {
                 self.report.restarts += 1;
                 (None, "the board has restarted: what it had not sent is not known".to_owned())
@@ -304,6 +366,7 @@ impl Recovery {
             since_ns: None,
             seconds: None,
             unread,
+            closed_bytes: 0,
             what,
         });
         hole.frames = hole.frames.zip(count).map(|(frames, count)| frames + count);
@@ -315,10 +378,9 @@ impl Recovery {
 
     /// The hole under way is over.
     fn close(&mut self, unread: u64) {
-        let Some(Hole { file, offset, open_end, frames, seconds, unread: before, what, .. }) = self.hole.take() else {
-            return;
-        };
-        let bytes = unread.saturating_sub(before);
+        let Some(hole) = self.hole.take() else { return };
+        let Hole { file, offset, open_end, frames, seconds, unread: before, closed_bytes, what, .. } = hole;
+        let bytes = unread.saturating_sub(before) + closed_bytes;
         let frames = frames.filter(|_| !open_end);
         // A damaged place all of whose frames are there costs nothing.
         if (frames, bytes) != (Some(0), 0) {

@@ -171,6 +171,12 @@ impl Stream {
         self.sequence.missing()
     }
 
+    /// Gaps so far of which it is not known how many frames they cost.
+    #[must_use]
+    pub fn unknown_gaps(&self) -> u64 {
+        self.sequence.unknown()
+    }
+
     /// Bytes of damaged places of the file under way that gave no frame, so far.
     #[must_use]
     pub fn unread(&self) -> u64 {

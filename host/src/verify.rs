@@ -57,6 +57,8 @@ pub struct Report {
     pub bad_frames: u64,
     /// Frames that the sequence numbers prove missing.
     pub missing_frames: u64,
+    /// Gaps of which it is not known how many frames they cost: they took longer than the numbers count.
+    pub unknown_gaps: u64,
     /// Profiles in the log.
     pub profiles: u64,
     /// Profiles that were recomputed bit for bit.
@@ -157,6 +159,10 @@ fn read(
                         problems.push(format!("{count} frame{} missing before this one", plural(count)));
                         replay.gap();
                     }
+                    Gap::Unknown => {
+                        problems.push("frames missing before this one, too many for their numbers to count".to_owned());
+                        replay.gap();
+                    }
                     Gap::Restarted => {
                         times.restart();
                         replay.restart();
@@ -194,6 +200,7 @@ fn read(
     replay.at(last);
     report.frames = stream.frames();
     report.missing_frames = stream.missing();
+    report.unknown_gaps = stream.unknown_gaps();
     report.seconds = times.seconds();
     if report.frames == 0 {
         report.note(name(last.file), last, "the log holds no frame".to_owned());

@@ -109,7 +109,7 @@ impl Walk {
             };
             match gap {
                 Gap::None => {}
-                Gap::Missing(_) => self.damage += 1,
+                Gap::Missing(_) | Gap::Unknown => self.damage += 1,
                 Gap::Restarted => {
                     self.totals.restart();
                     self.track.restart();

@@ -118,6 +118,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if recorded.bytes_lost > 0 {
         tell!("lost: {} bytes, because the log could not be written fast enough", recorded.bytes_lost);
     }
+    if recorded.unknown_gaps > 0 {
+        tell!(
+            "gaps too long for the frames' numbers to count: {}; how many are missing there is not known",
+            recorded.unknown_gaps
+        );
+    }
     let restarts = recorded.totals.restarts();
     if restarts > 0 {
         tell!("restarts of the board: {restarts}; what it had not sent before is not known");

@@ -75,8 +75,9 @@ fn line(loss: &Loss) -> String {
 }
 
 fn lost(report: &Report) -> String {
-    let Report { frames_lost, seconds_lost, bytes_lost, .. } = report;
-    format!("{frames_lost} frames, at most {seconds_lost:.3} s, {bytes_lost} bytes of damaged places")
+    let Report { frames_lost, unknown_gaps, seconds_lost, bytes_lost, .. } = report;
+    let more = if *unknown_gaps > 0 { " and more that nobody can count" } else { "" };
+    format!("{frames_lost} frames{more}, at most {seconds_lost:.3} s, {bytes_lost} bytes of damaged places")
 }
 
 /// What numbers cannot tell.
@@ -86,6 +87,18 @@ fn summary(report: &Report) -> Vec<String> {
         said.push(format!(
             "files that were not closed: {}; what came after their last frame, at most 1 s, is not known",
             report.open_ends
+        ));
+    }
+    if report.files_missing > 0 {
+        said.push(format!(
+            "files of the recording that are not there or cannot be read: {}; what was in them is not known",
+            report.files_missing
+        ));
+    }
+    if report.unknown_gaps > 0 {
+        said.push(format!(
+            "gaps too long for the frames' numbers to count: {}; how many are missing there is not known",
+            report.unknown_gaps
         ));
     }
     if report.restarts > 0 {

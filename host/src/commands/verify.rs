@@ -57,9 +57,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     } else {
         format!("{same} of {all} profiles reproduced")
     };
+    let unknown = match report.unknown_gaps {
+        0 => String::new(),
+        1 => ", and nobody knows how many in a gap".to_owned(),
+        gaps => format!(", and nobody knows how many in {gaps} gaps"),
+    };
     let files = if logs.len() > 1 { format!("{} files, ", logs.len()) } else { String::new() };
     say(&format!(
-        "{files}{} frames, {} bad, {} missing; {verdict}{}",
+        "{files}{} frames, {} bad, {} missing{unknown}; {verdict}{}",
         report.frames,
         report.bad_frames,
         report.missing_frames,

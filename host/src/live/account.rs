@@ -63,5 +63,5 @@ impl Losses {
 }
 
 pub(super) fn on_the_way(summary: &Summary) -> u64 {
-    summary.bad_frames + summary.missing_frames + summary.bytes_lost
+    summary.bad_frames + summary.missing_frames + summary.unknown_gaps + summary.bytes_lost
 }

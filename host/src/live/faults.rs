@@ -143,6 +143,11 @@ fn words_of(name: &str, rise: u64) -> Option<(String, &'static str)> {
         "frames_dropped" => ("frame found no room on the link", "frames found no room on the link", LINK_CABLE),
         "commands_rejected" => ("command reached the board damaged", "commands reached the board damaged", LINK_CABLE),
         "link.missing_frames" => ("frame was lost on the link", "frames were lost on the link", LINK_CABLE),
+        "link.unknown_gaps" => (
+            "gap on the link is too long to count its frames",
+            "gaps on the link are too long to count their frames",
+            LINK_CABLE,
+        ),
         "link.bad_frames" => ("frame arrived damaged", "frames arrived damaged", LINK_CABLE),
         "link.bytes_lost" => (
             "byte found no room: the disk is too slow",
@@ -160,7 +165,9 @@ mod tests {
 
     #[test]
     fn every_loss_has_words_and_advice() {
-        for name in BOARD.iter().chain(&["link.missing_frames", "link.bad_frames", "link.bytes_lost"]) {
+        for name in
+            BOARD.iter().chain(&["link.missing_frames", "link.unknown_gaps", "link.bad_frames", "link.bytes_lost"])
+        {
             let (words, advice) = words_of(name, 2).unwrap();
             assert!(words.starts_with("2 ") && advice.ends_with('.'), "{name}: {words} {advice}");
         }

@@ -62,15 +62,15 @@ impl Film {
         };
         match capture::Reader::open(path).and_then(|reader| capture(scanner::of_chunks(reader).0)) {
             Ok(film) => Ok(film),
-            Err(Error::Content { .. }) => match LogFilm::open(path, config) {
-                Ok(film) => Ok(Self::Log(Box::new(film))),
-                Err(Error::Content { path, .. }) => {
+            // A damaged log is no capture for more reasons than one.
+            Err(no_capture) => match (LogFilm::open(path, config), no_capture) {
+                (Ok(film), _) => Ok(Self::Log(Box::new(film))),
+                (Err(Error::Content { path, .. }), Error::Content { .. }) => {
                     let what = "neither a capture (channels lidar, ins, pps) nor a log (channel wire)".to_owned();
                     Err(Error::Content { path, what })
                 }
-                Err(error) => Err(error),
+                (Err(Error::Content { .. }), error) | (Err(error), _) => Err(error),
             },
-            Err(error) => Err(error),
         }
     }
 

@@ -464,6 +464,7 @@ impl Model {
         };
         for (name, value) in [
             ("link.missing_frames", summary.missing_frames),
+            ("link.unknown_gaps", summary.unknown_gaps),
             ("link.bad_frames", summary.bad_frames),
             ("link.bytes_lost", summary.bytes_lost),
         ] {

@@ -5,6 +5,9 @@
 //! the frames found in it; the bytes of it that gave none are counted. A file that was closed ends with a CRC over everything before, which is compared when
 //! nothing else was wrong: no changed bit of a closed log goes unnoticed.
 //!
+//! What the disk cannot read is zeros, told as damage, and all around it is found as around any other. A file whose very first bytes are damaged is
+//! a log all the same where its end or its chunks say so.
+//!
 //! Memory: one chunk, or one window of a stretch without structure.
 
 use std::collections::{BTreeMap, VecDeque};
@@ -19,6 +22,12 @@ use crate::interrupt;
 
 /// Bytes of a stretch without structure that are looked at in one go.
 const WINDOW: usize = 1 << 16;
+
+/// Bytes in which frames are looked for at the beginning of a file that does not begin as it should.
+const LOOK: usize = 1 << 20;
+
+/// Damages after which such a file is a log without frames so far.
+const FIRST_DAMAGES: usize = 1_000;
 
 /// A record of bookkeeping longer than this hides something: an index has 16 bytes a frame, a chunk at most some thousands of these.
 const MAX_BOOKKEEPING: u64 = 1 << 20;
@@ -78,7 +87,10 @@ impl Reader {
     /// # Errors
     /// When the file cannot be read, is no MCAP file, or one without the channel `wire`.
     pub fn open(path: &Path) -> Result<Self, Error> {
-        let container = Container::open(path)?;
+        Self::over(Container::open_damaged(path)?)
+    }
+
+    pub(crate) fn over(container: Container) -> Result<Self, Error> {
         let mut reader = Self {
             container,
             metadata: BTreeMap::new(),
@@ -95,14 +107,30 @@ impl Reader {
             done: false,
             stopped: false,
         };
-        while reader.ready.is_empty() && !reader.done && !reader.capture {
+        let foreign = reader.container.foreign();
+        let damage = if foreign.is_some() { reader.begin_damaged()? } else { None };
+        if let Some(error) = foreign.filter(|_| damage.is_none()) {
+            return Err(reader.container.failure().unwrap_or(error));
+        }
+        let has_frame = |reader: &Self| reader.ready.iter().any(Result::is_ok);
+        let goes_on = |reader: &Self| damage.is_some() && reader.ready.len() < FIRST_DAMAGES && !has_frame(reader);
+        while (reader.ready.is_empty() || goes_on(&reader)) && !reader.done && !reader.capture {
             reader.advance();
+        }
+        let nothing = reader.wire.is_none() && !has_frame(&reader);
+        if let Some(error) = reader.container.foreign().filter(|_| reader.capture || nothing) {
+            return Err(reader.container.failure().unwrap_or(error));
         }
         // What damage there is in a file of another kind does not make it a log.
         if reader.wire.is_none() && (reader.capture || reader.ready.is_empty()) {
             let kind = if reader.capture { "; it is a capture, which `crossfall run` makes a log of" } else { "" };
             let what = format!("not a log: it has no channel `{TOPIC}`{kind}");
-            return Err(Error::Content { path: path.to_path_buf(), what });
+            let path = reader.container.path().to_path_buf();
+            return Err(reader.container.failure().unwrap_or(Error::Content { path, what }));
+        }
+        if let Some(error) = damage {
+            reader.unread_before = 0;
+            reader.ready.push_front(Err(error));
         }
         Ok(reader)
     }
@@ -136,8 +164,43 @@ impl Reader {
         (self.damaged_to, self.unread_before)
     }
 
-    /// Reads one record of the top level, or one window of a stretch without structure.
+    /// A file that does not begin as it should: with its records, if they are where they should be, or with the first chunk. What is no log is
+    /// refused before much of it is read.
+    fn begin_damaged(&mut self) -> Result<Option<Error>, Error> {
+        let begin = self.container.bytes(0, LOOK)?;
+        // One frame alone may be noise: where so much of it is looked at, that happens.
+        if !self.container.may_be_damaged()? && salvage::frames(&begin, 0, 0).len() < 2 {
+            return Ok(None);
+        }
+        let begun = self.container.reached();
+        if self.container.goes_on() {
+            (self.unread, self.damaged_to) = (begun, begun.max(1));
+        } else {
+            let end = self.container.resume(0)?.unwrap_or_else(|| {
+                self.container.close();
+                self.container.size()
+            });
+            self.stretch = Some(Stretch::new(0, end));
+            self.damaged_to = end.max(1);
+        }
+        Ok(Some(self.container.damaged(0, "does not begin as an MCAP file".to_owned())))
+    }
+
+    /// One step, and before what it gave the places that the disk could not read.
     fn advance(&mut self) {
+        let (first, unread) = (self.ready.len(), self.unread);
+        self.step();
+        let reached = self.container.reached();
+        let told_to =
+            if self.done { u64::MAX } else { self.stretch.as_ref().map_or(reached, |to| to.end.max(reached)) };
+        for (at, (place, error)) in (first..).zip(self.container.unreadable(told_to)) {
+            (self.damaged_to, self.unread_before) = (self.damaged_to.max(place.end), unread);
+            self.ready.insert(at, Err(error));
+        }
+    }
+
+    /// Reads one record of the top level, or one window of a stretch without structure.
+    fn step(&mut self) {
         if let Some(stretch) = self.stretch.take() {
             return self.search(stretch);
         }
@@ -155,10 +218,18 @@ impl Reader {
             }
             Some(Err(error @ Error::Damaged { .. })) => self.go_on_behind(error),
             Some(Err(error)) => {
-                self.done = true;
-                self.tell(error, 0);
+                let from = self.container.reached();
+                self.give_up(from, error);
             }
         }
+    }
+
+    /// The rest of the file, from `from` on, cannot be read.
+    fn give_up(&mut self, from: u64, error: Error) {
+        let size = self.container.size();
+        self.done = true;
+        self.tell(error, size);
+        self.unread += size.saturating_sub(from);
     }
 
     fn record(&mut self, entry: Entry) {
@@ -208,6 +279,7 @@ impl Reader {
         let unreadable = matches!(error, Error::Io { .. });
         self.tell(error, end);
         if self.foreign || unreadable {
+            self.unread += if unreadable { end - entry.offset } else { 0 };
             return self.keep(messages);
         }
         // The chunk once more, by what its frames prove of themselves.
@@ -297,9 +369,9 @@ impl Reader {
                 self.container.close();
                 self.container.size()
             }
-            Err(error) => {
-                self.done = true;
-                return self.tell(error, at);
+            Err(failed) => {
+                self.tell(error, at);
+                return self.give_up(at, failed);
             }
         };
         self.tell(error, end);
@@ -314,7 +386,11 @@ impl Reader {
         let last = room <= WINDOW;
         let bytes = match self.container.bytes(stretch.at, room.min(WINDOW)) {
             Ok(bytes) => bytes,
-            Err(error) => return self.tell(error, stretch.end),
+            Err(error) => {
+                self.tell(error, stretch.end);
+                self.unread += (stretch.end - stretch.begin).saturating_sub(stretch.covered);
+                return;
+            }
         };
         let end = |message: &Message| message.offset + (salvage::HEAD + message.data.len()) as u64;
         let mut found = salvage::frames(&bytes, stretch.at, self.latest_ns);

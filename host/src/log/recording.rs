@@ -86,6 +86,18 @@ mod tests {
             assert!(!is_recording(&path), "{}", path.display());
             output::write(&path, b"a table").unwrap();
         }
+        // Damage at the beginning makes a recording no less of one, and what can be made again no more of one.
+        for hit in [1, 8, 512] {
+            for (name, frames) in [("hit.mcap", &board), ("made.mcap", &own)] {
+                let path = log(name, &[frames, &[1, 2, 0]], false);
+                let mut bytes = std::fs::read(&path).unwrap();
+                let at = bytes.windows(frames.len()).position(|window| window == frames).unwrap();
+                bytes[..hit.min(at - 31)].fill(0x5a);
+                std::fs::write(&path, &bytes).unwrap();
+                assert_eq!(is_recording(&path), name == "hit.mcap", "{name}: {hit}");
+                std::fs::remove_file(&path).unwrap();
+            }
+        }
         // One that has come while the output was made.
         let late = folder.path().join("late.mcap");
         let output = Output::create(&late).unwrap();

@@ -7,6 +7,9 @@ use crossfall_core::protocol::frame::{MAX_MESSAGE_FRAME, Sequencer};
 use crossfall_core::protocol::message::{Message, Pulse, PulseVerdict};
 
 use super::*;
+use crate::container::Container;
+use crate::container::disk::MOST;
+use crate::container::disk::tests::Failing;
 
 /// A log of `count` frames 27 ms apart, with metadata.
 fn sample(path: &Path, count: u64) -> Vec<(u64, Vec<u8>)> {
@@ -80,7 +83,7 @@ fn any_flipped_bit_costs_at_most_one_chunk() {
     let hit = folder.path().join("hit.mcap");
     // Up to the summary: 80 frames of 27 ms are five chunks of at most 19 frames.
     let end = whole.windows(12).rposition(|window| window == [80; 12]).unwrap() + 12;
-    for at in (mcap::MAGIC.len()..end).filter(|at| *at < 400 || at % 7 == 0) {
+    for at in (0..end).filter(|at| *at < 400 || at % 7 == 0) {
         let mut bytes = whole.clone();
         bytes[at] ^= 1 << (at % 8);
         fs::write(&hit, &bytes).unwrap();
@@ -163,7 +166,7 @@ fn any_flipped_bit_of_a_closed_log_costs_at_most_one_frame_and_is_told() {
     assert!(errors.is_empty() && clean == written, "{errors:?}");
     let (_, end) = records(&whole, &written);
     let hit = folder.path().join("hit.mcap");
-    for at in mcap::MAGIC.len()..end {
+    for at in 0..end {
         // Every bit up to the first frames, one bit of each byte behind.
         let bits = if at < 320 { 0..8 } else { at % 8..at % 8 + 1 };
         for bit in bits {
@@ -300,4 +303,120 @@ fn records_within_each_other_are_not_searched_again_and_again() {
     let (frames, errors) = read(&path);
     assert!(frames == written, "{} frames", frames.len());
     assert!(errors.len() < 100, "{} places told as damaged", errors.len());
+}
+
+/// What is gone from the beginning of a log costs the frames that were there and no others, whatever else it held.
+#[test]
+fn a_log_whose_beginning_is_gone_is_read_from_its_first_whole_frame_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let written = good(&path, 200, Options::default());
+    let whole = fs::read(&path).unwrap();
+    let at = |frame: &(u64, Vec<u8>)| whole.windows(frame.1.len()).position(|window| window == frame.1).unwrap();
+    for (gone, with) in [(1, 0), (8, 0), (9, 0xff), (512, 0), (512, 0xa5), (2_000, 0), (4_096, 0)] {
+        let mut bytes = whole.clone();
+        bytes[..gone].fill(with);
+        fs::write(&path, &bytes).unwrap();
+        let expected: Vec<_> = written.iter().filter(|frame| at(frame) >= gone).cloned().collect();
+        let mut reader = Reader::open(&path).unwrap();
+        assert_eq!(reader.next().unwrap().unwrap_err().offset(), Some(0), "{gone}");
+        let bytes_found: Vec<_> = reader.by_ref().flatten().map(|frame| frame.bytes).collect();
+        assert!(bytes_found == expected.into_iter().map(|(_, bytes)| bytes).collect::<Vec<_>>(), "{gone}");
+        assert!(reader.unread() > 0, "{gone}");
+        // Without the mark at its end as well.
+        fs::write(&path, &bytes[..bytes.len() - 600]).unwrap();
+        assert!(read(&path).0.len() > 100, "{gone}");
+    }
+}
+
+#[test]
+fn what_is_no_log_is_refused_before_it_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let refused = |path: &Path| {
+        let error = Reader::open(path).unwrap_err();
+        assert!(matches!(error, Error::Foreign { .. }), "{error}");
+        error.to_string()
+    };
+    let mut random = 1_u64;
+    let noise: Vec<u8> = (0..3_000_000)
+        .map(|_| {
+            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (random >> 33) as u8
+        })
+        .collect();
+    for bytes in [&b""[..], b"no log", &noise] {
+        fs::write(&path, bytes).unwrap();
+        refused(&path);
+    }
+    assert!(refused(&path).contains(": not an MCAP file: it begins with "));
+    // A capture whose first byte is damaged is a log no more than a whole one.
+    fs::remove_file(&path).unwrap();
+    let mut capture = crate::capture::Writer::create(&path).unwrap();
+    capture.write(crate::capture::Channel::Ins, 1, &[1, 2, 3, 0]).unwrap();
+    capture.finish().unwrap();
+    let mut bytes = fs::read(&path).unwrap();
+    bytes[0] ^= 1;
+    fs::write(&path, &bytes).unwrap();
+    refused(&path);
+    // 64 GiB of nothing.
+    fs::File::create(&path).unwrap().set_len(64 << 30).unwrap();
+    refused(&path);
+}
+
+/// Reads a log from a disk that cannot read some places.
+fn read_failing(bytes: &[u8], places: &[std::ops::Range<u64>]) -> Result<Reader, Error> {
+    let disk = Box::new(Failing::new(bytes, places));
+    Reader::over(Container::over(Path::new("a.mcap"), disk, bytes.len() as u64, true)?)
+}
+
+/// Whichever sector of the disk is bad, only the frames in it are lost.
+#[test]
+fn a_sector_that_cannot_be_read_costs_the_frames_in_it_and_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let written = good(&path, 400, Options::default());
+    let whole = fs::read(&path).unwrap();
+    assert!(whole.len() > 5 * 4_096);
+    for bad in 0..whole.len().div_ceil(4_096) as u64 {
+        let (from, to) = (bad * 4_096, ((bad + 1) * 4_096).min(whole.len() as u64));
+        let mut reader = read_failing(&whole, &[from..from + 1]).unwrap();
+        let (mut frames, mut told) = (Vec::new(), Vec::new());
+        for item in reader.by_ref() {
+            match item {
+                Ok(frame) => frames.push(frame.bytes),
+                Err(error) => told.push(error),
+            }
+        }
+        let what = format!("{} bytes cannot be read: Input/output error", to - from);
+        let said = |error: &Error| error.offset() == Some(from) && error.what() == what;
+        assert_eq!(told.iter().filter(|error| said(error)).count(), 1, "{bad}: {told:?}");
+        let outside = written.iter().filter(|(_, frame)| {
+            let at = whole.windows(frame.len()).position(|window| window == frame).unwrap() as u64;
+            at + frame.len() as u64 <= from || at >= to
+        });
+        for (number, (_, frame)) in outside.enumerate() {
+            assert!(frames.contains(frame), "{bad}: {number}");
+        }
+        // What was partly within is not made up.
+        assert!(frames.len() <= written.len(), "{bad}");
+    }
+}
+
+#[test]
+fn a_disk_that_fails_everywhere_is_an_error_that_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    good(&path, 400, Options::default());
+    let whole = fs::read(&path).unwrap();
+    let everywhere = 0..u64::MAX;
+    let error = read_failing(&whole, std::slice::from_ref(&everywhere)).unwrap_err();
+    assert!(matches!(error, Error::Io { .. }), "{error}");
+    assert_eq!(error.to_string(), "a.mcap: Input/output error");
+    let large = vec![0; (MOST + 1_000) * 4_096];
+    let error = read_failing(&[&whole[..], &large].concat(), &[8_192..u64::MAX]).unwrap();
+    let (frames, errors): (Vec<_>, Vec<_>) = error.partition(Result::is_ok);
+    assert!(frames.len() > 20 && errors.len() < 20, "{} frames, {} errors", frames.len(), errors.len());
+    let last = errors.last().unwrap().as_ref().unwrap_err();
+    assert!(matches!(last, Error::Io { .. }) && last.to_string().ends_with("it is given up"), "{last}");
 }

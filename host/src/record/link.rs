@@ -87,6 +87,7 @@ impl Link {
                     }
                 }
                 summary.missing_frames = self.sequence.missing();
+                summary.unknown_gaps = self.sequence.unknown();
             }
             if self.decoder.pending() >= MAX_MESSAGE_FRAME as u64 {
                 self.cut(log, summary)?;

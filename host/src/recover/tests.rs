@@ -1,6 +1,8 @@
 use std::fs;
 
 use super::*;
+use crate::container::Container;
+use crate::container::disk::tests::Failing;
 use crossfall_core::protocol::DeviceTime;
 use crossfall_core::protocol::frame::{MAX_MESSAGE_FRAME, Sequencer};
 use crossfall_core::protocol::message::{Pulse, PulseVerdict};
@@ -241,5 +243,100 @@ fn a_wrong_length_and_a_wrong_payload_cost_the_frame_that_is_hit() {
         let Report { frames_lost, restarts, .. } = report;
         let missing = 200 - good.len() as u64;
         assert_eq!((report.lost, frames_lost, restarts), (true, missing, 0), "bit {bit}, both {both}: {report:?}");
+    }
+}
+
+/// A sector of the disk that cannot be read is damage like any other.
+#[test]
+fn a_bad_sector_costs_the_frames_in_it() {
+    let folder = Folder::new();
+    let sent = frames(400);
+    let path = folder.path("a.mcap");
+    write(&path, &sent);
+    let bytes = fs::read(&path).unwrap();
+    let at = place(&bytes, &sent[200]) as u64 / 4_096 * 4_096;
+    let inside = sent.iter().filter(|frame| {
+        let begin = place(&bytes, frame) as u64;
+        begin < at + 4_096 && begin + frame.len() as u64 > at
+    });
+    let inside = inside.count();
+    let open = |path: &Path| {
+        let disk = Failing::new(&fs::read(path).unwrap(), &[at + 100..at + 101]);
+        let size = disk.bytes.len() as u64;
+        log::Reader::over(Container::over(path, Box::new(disk), size, true)?)
+    };
+    let report = recover_with(&[path], &folder.path("out.mcap"), open, |_, _| ()).unwrap();
+    assert_eq!((report.lost, report.frames_lost, report.files_missing), (true, inside as u64, 0), "{report:?}");
+    assert_eq!(report.frames_lost_in_file, report.frames_lost);
+    assert!(report.losses.iter().any(|loss| loss.what == "4096 bytes cannot be read: Input/output error"));
+    let out = read(&folder.path("out.mcap"));
+    assert_eq!(out.iter().filter(|frame| log_frame(frame)).count(), 400 - inside);
+}
+
+/// A disk that gives out in the middle: what was read before is not lost with it.
+#[test]
+fn a_disk_that_gives_out_costs_what_is_behind() {
+    let folder = Folder::new();
+    let sent = frames(400);
+    let path = folder.path("a.mcap");
+    write(&path, &sent);
+    let large = [fs::read(&path).unwrap(), vec![0; 80 << 20]].concat();
+    let open = |path: &Path| {
+        let disk = Failing::new(&large, &[16_384..u64::MAX]);
+        log::Reader::over(Container::over(path, Box::new(disk), large.len() as u64, true)?)
+    };
+    let report = recover_with(&[path], &folder.path("out.mcap"), open, |_, _| ()).unwrap();
+    assert!(report.lost && report.files_missing == 1 && report.frames > 100, "{report:?}");
+    assert!(report.bytes_lost > large.len() as u64 - 16_384 - 2_000, "{report:?}");
+}
+
+#[test]
+fn a_file_that_cannot_be_opened_costs_its_own_frames() {
+    let folder = Folder::new();
+    let sent = frames(300);
+    let path = folder.path("a.mcap");
+    let options = log::Options { max_ns: 2_000_000_000, ..log::Options::default() };
+    let mut log = log::Writer::create_with(&path, options).unwrap();
+    for (i, frame) in sent.iter().enumerate() {
+        log.frame(T + i as u64 * EVERY_NS, frame).unwrap();
+    }
+    log.finish().unwrap();
+    let files = [path, folder.path("a.part0002.mcap"), folder.path("a.part0003.mcap")];
+    let whole = files.each_ref().map(|file| fs::read(file).unwrap());
+    // A bit of its mark costs nothing.
+    fs::write(&files[1], [&[0x88], &whole[1][1..]].concat()).unwrap();
+    let report = recover(&files, &folder.path("bit.mcap"), |_, _| ()).unwrap();
+    assert_eq!((report.frames, report.frames_lost, report.damages, report.bytes_lost), (300, 0, 1, 8), "{report:?}");
+    // All of it costs what it held.
+    fs::write(&files[1], vec![7; whole[1].len()]).unwrap();
+    let report = recover(&files, &folder.path("file.mcap"), |_, _| ()).unwrap();
+    assert_eq!((report.frames, report.frames_lost, report.frames_lost_in_file), (200, 100, 100), "{report:?}");
+    assert_eq!((report.files_missing, report.bytes_lost), (1, whole[1].len() as u64), "{report:?}");
+    assert_eq!((&report.losses[0].file, report.losses[0].frames), (&files[1], Some(100)));
+    // Of the last one no number says what it held.
+    let report = recover(&files[..2], &folder.path("last.mcap"), |_, _| ()).unwrap();
+    assert_eq!((report.lost, report.frames, report.frames_lost), (true, 100, 0), "{report:?}");
+    assert_eq!(report.losses[0].frames, None);
+    assert!(recover(&files[1..], &folder.path("first.mcap"), |_, _| ()).is_err());
+}
+
+/// A link that is lost for longer than the numbers count: that is told, and no restart is.
+#[test]
+fn a_loss_of_turns_of_the_numbers_is_not_known_and_no_restart() {
+    for lost in [40_000, 70_000] {
+        let folder = Folder::new();
+        let mut sent = frames(200 + lost + 100);
+        sent.drain(200..200 + lost as usize);
+        let path = folder.path("a.mcap");
+        write(&path, &sent);
+        let report = folder.recover("a.mcap");
+        assert_eq!((report.lost, report.frames_lost, report.unknown_gaps), (true, 0, 1), "{report:?}");
+        assert_eq!((report.restarts, report.losses.len(), report.losses[0].frames), (0, 1, None), "{report:?}");
+        let verdict = verify(&path, |_| ()).unwrap();
+        assert_eq!((verdict.ok, verdict.missing_frames, verdict.unknown_gaps), (false, 0, 1), "{verdict:?}");
+        let said = "frames missing before this one, too many for their numbers to count";
+        assert!(verdict.problems.iter().any(|problem| problem.what == said && problem.frame == 200), "{verdict:?}");
+        let info = crate::info::look(&path).unwrap();
+        assert_eq!((info.counters["link.restarts"], info.counters["link.unknown_gaps"]), (0, 1));
     }
 }
