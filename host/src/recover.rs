@@ -3,12 +3,14 @@
 //! Every frame that can be read from the file, or found in its damaged places (see [`log::Reader`]), goes into a new log with its receive time.
 //! The account rests on three proofs: the frames' own numbers say how many are missing and where; the receive times around a hole say how long it is at
 //! most; and every byte of a damaged place that belongs to no recovered frame is counted. What no number can tell is said to be unknown: the end of
-//! a file that was not closed, and what a board had under way when it restarted.
+//! a file that was not closed, a file that another one names and that is gone, and what a board had under way when it restarted.
 //!
 //! The new log is then read again from the disk: it must hold every frame, bit for bit, without damage, and verify as the account says. Only then is
-//! it done. The old files are only read. Several files of one recording become one log.
+//! it done. The old files are only read. Several files of one recording become one log, which says before its first frame which they are: it may take the
+//! place of the first of them, with the others still there.
 
 use std::collections::BTreeMap;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use crossfall_core::protocol::frame::{Event, Gap, HostDecoder, Sequence};
@@ -89,6 +91,8 @@ pub struct Report {
     pub bytes_lost: u64,
     /// Files that do not end as a closed one does: what came after their last frame, at most one second, is unknown.
     pub open_ends: u64,
+    /// Files of the recording that others name and that are not there, or cannot be read at all: what was in them is unknown.
+    pub files_missing: u64,
     /// Times that the board booted again: what was under way is unknown.
     pub restarts: u64,
     /// Places of the files that were damaged, with or without a loss.
@@ -129,19 +133,25 @@ pub fn recover(files: &[PathBuf], to: &Path, mut progress: impl FnMut(usize, u64
         bad: 0,
         span: None,
         described: BTreeMap::new(),
+        next: None,
+        is_piece: false,
     };
-    for (number, file) in files.iter().enumerate() {
-        recovery.file(file, |offset| progress(number, offset))?;
+    let from = log::names_of(files);
+    for number in 0..files.len() {
+        recovery.file(files, number, &from, |offset| progress(number, offset))?;
     }
-    let Recovery { mut log, mut report, hash, described, bad, sequence, .. } = recovery;
+    let Recovery { mut log, mut report, hash, described, bad, sequence, next, .. } = recovery;
     // Broken frames behind which none follows: no number says that they are missing.
     report.frames_lost = sequence.missing() + bad;
     report.lost = report.frames_lost > 0 || report.bytes_lost > 0 || report.open_ends > 0 || report.restarts > 0;
-    report.lost |= report.frames == 0;
+    report.lost |= report.frames == 0 || report.files_missing > 0;
     for (name, entries) in described {
         log.metadata(&name, entries)?;
     }
-    log.metadata(metadata::RECOVERED, provenance(files, &report))?;
+    if let Some(next) = next {
+        log.metadata(metadata::NEXT, next)?;
+    }
+    log.metadata(metadata::RECOVERED, provenance(from, &report))?;
     log.finish()?;
     let proved = prove(to, report.frames, sequence.missing(), &hash)?;
     (report.profiles, report.profiles_reproduced) = (proved.profiles, proved.profiles_reproduced);
@@ -181,11 +191,35 @@ struct Recovery {
     span: Option<(u64, u64)>,
     /// Metadata of the old files that frames do not say, by name.
     described: BTreeMap<String, BTreeMap<String, String>>,
+    /// What the file before says of the one that follows it.
+    next: Option<BTreeMap<String, String>>,
+    /// Whether the first file is a later one of a recording.
+    is_piece: bool,
 }
 
 impl Recovery {
-    fn file(&mut self, file: &Path, mut progress: impl FnMut(u64)) -> Result<(), Error> {
-        let mut reader = log::Reader::open(file)?;
+    fn file(
+        &mut self,
+        files: &[PathBuf],
+        number: usize,
+        from: &str,
+        mut progress: impl FnMut(u64),
+    ) -> Result<(), Error> {
+        let file = &files[number];
+        self.next = None;
+        let mut reader = match log::Reader::open(file) {
+            Ok(reader) => reader,
+            // The others are worth as much without it.
+            Err(error) if number > 0 && !matches!(error, Damage::Io { .. } | Damage::Interrupted) => {
+                let bytes = fs::metadata(file).map_or(0, |metadata| metadata.len());
+                self.missing_file(file, 0, bytes, error.what());
+                return Ok(());
+            }
+            Err(error) => return Err(error.into()),
+        };
+        if number == 0 {
+            self.begin(&reader, from)?;
+        }
         while let Some(item) = reader.next() {
             match item {
                 Ok(frame) => {
@@ -198,14 +232,34 @@ impl Recovery {
             }
         }
         for (name, entries) in reader.metadata() {
-            if !matches!(name.as_str(), metadata::PART | metadata::RECOVERED) {
+            if !matches!(name.as_str(), metadata::PART | metadata::NEXT | metadata::RECOVERED) {
                 // Frames know better who sent them.
                 self.described.entry(name.clone()).or_insert_with(|| entries.clone());
             }
         }
         // Nothing behind it says what it cost.
         self.close(reader.unread());
+        let following = files.get(number + 1).map(PathBuf::as_path);
+        if let Some(what) = log::torn(&files[0], file, reader.metadata(), following).filter(|_| !self.is_piece) {
+            self.missing_file(file, fs::metadata(file).map_or(0, |metadata| metadata.len()), 0, what);
+        }
+        self.next = reader.metadata().get(metadata::NEXT).cloned();
         Ok(())
+    }
+
+    /// What whoever opens the new log must know of it before anything else: which file of a recording it takes the place of, and what is in it.
+    fn begin(&mut self, first: &log::Reader, from: &str) -> Result<(), Error> {
+        if let Some(part) = first.metadata().get(metadata::PART) {
+            self.is_piece = true;
+            self.log.metadata(metadata::PART, part.clone())?;
+        }
+        Ok(self.log.metadata(metadata::RECOVERED, [("from".to_owned(), from.to_owned())].into())?)
+    }
+
+    /// A file that gave nothing, found at a place.
+    fn missing_file(&mut self, file: &Path, offset: u64, bytes: u64, what: String) {
+        self.report.files_missing += 1;
+        self.report.note(Loss { file: file.to_path_buf(), offset, bytes, frames: None, seconds: None, what });
     }
 
     fn damage(&mut self, file: &Path, error: &Damage, reader: &log::Reader) {
@@ -346,16 +400,14 @@ fn describe(message: &Message<'_>) -> Option<(&'static str, BTreeMap<String, Str
 }
 
 /// The account in the new log itself.
-fn provenance(files: &[PathBuf], report: &Report) -> BTreeMap<String, String> {
-    // Names and not paths: where they lay is nobody's business who gets the log.
-    let names: Vec<_> =
-        files.iter().filter_map(|file| file.file_name()).map(|name| name.to_string_lossy().into_owned()).collect();
+fn provenance(from: String, report: &Report) -> BTreeMap<String, String> {
     BTreeMap::from([
-        ("from".to_owned(), names.join(", ")),
+        ("from".to_owned(), from),
         ("frames_lost".to_owned(), report.frames_lost.to_string()),
         ("seconds_lost_at_most".to_owned(), format!("{:.3}", report.seconds_lost)),
         ("bytes_lost".to_owned(), report.bytes_lost.to_string()),
         ("open_ends".to_owned(), report.open_ends.to_string()),
+        ("files_missing".to_owned(), report.files_missing.to_string()),
         ("restarts".to_owned(), report.restarts.to_string()),
     ])
 }

@@ -88,6 +88,12 @@ fn summary(report: &Report) -> Vec<String> {
             report.open_ends
         ));
     }
+    if report.files_missing > 0 {
+        said.push(format!(
+            "files of the recording that are not there or cannot be read: {}; what was in them is not known",
+            report.files_missing
+        ));
+    }
     if report.restarts > 0 {
         said.push(format!("restarts of the board: {}; what it had not sent before is not known", report.restarts));
     }
