@@ -21,6 +21,8 @@ use super::{Error, Frame, PARTS, Reader, metadata};
 pub struct Parts {
     /// In their order, from the one that was named. One that is gone is among them: it cannot be opened, which is a damage.
     pub files: Vec<PathBuf>,
+    /// Those beside them whose frames are in them already: one of them was recovered from these.
+    pub within: Vec<PathBuf>,
     /// What the user should know of them, in words.
     pub remarks: Vec<String>,
 }
@@ -41,7 +43,7 @@ impl Parts {
     }
 
     fn behind(first: &Path, opened: &Reader) -> Self {
-        let mut parts = Self { files: vec![first.to_path_buf()], remarks: Vec::new() };
+        let mut parts = Self { files: vec![first.to_path_buf()], ..Self::default() };
         if let Some(part) = opened.metadata().get(metadata::PART) {
             let said = |key| part.get(key).map_or("?", String::as_str);
             let (number, before) = (said("number"), said("before"));
@@ -57,13 +59,15 @@ impl Parts {
         let (mut last, mut silent, mut passed) = (1, BTreeMap::new(), BTreeSet::new());
         for number in numbers(first) {
             let path = part_path(first, number);
-            let why = match held.by(&path) {
-                Some(holder) => Some(format!("its frames are in {}, which was recovered from it", holder.display())),
-                None => strange.then(|| "that was recovered from files of another name".to_owned()),
-            };
-            if let Some(why) = why {
+            if let Some(holder) = held.by(&path) {
                 passed.insert(number);
-                parts.leave(&path, &why);
+                parts.leave(&path, &format!("its frames are in {}, which was recovered from it", holder.display()));
+                parts.within.push(path);
+                continue;
+            }
+            if strange {
+                passed.insert(number);
+                parts.leave(&path, "that was recovered from files of another name");
                 continue;
             }
             let reader = match Reader::open(&path) {
@@ -383,7 +387,7 @@ mod tests {
     fn the_first_file_means_the_drive_and_a_later_one_itself() {
         let folder = tempfile::tempdir().unwrap();
         let files = record(folder.path(), "a.log.mcap", T);
-        assert_eq!(Parts::of(&files[0]).unwrap(), Parts { files: files.clone(), remarks: Vec::new() });
+        assert_eq!(Parts::of(&files[0]).unwrap(), Parts { files: files.clone(), ..Parts::default() });
         assert_eq!(count(&files[0]), (300, 0));
         let alone = Parts::of(&files[1]).unwrap();
         assert_eq!(alone.files, files[1..2]);
