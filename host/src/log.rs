@@ -16,6 +16,7 @@ mod writer;
 
 pub use crate::container::Error;
 pub use parts::{Parts, Recording};
+pub(crate) use parts::{names_of, torn};
 pub use reader::Reader;
 pub use recording::is_recording;
 pub(crate) use storage::sync_folder;
@@ -39,9 +40,11 @@ pub mod metadata {
     pub const CONFIG: &str = "config";
     /// In every file of a recording but the first: its `number`, counted from 1, and the file `before` it.
     pub const PART: &str = "part";
+    /// At the end of a file that another one follows: the `name` of that.
+    pub const NEXT: &str = "next";
     /// The board has booted again: the `number` of the segment that begins, counted from 1, and `why`.
     pub const SEGMENT: &str = "segment";
-    /// In a log that `recover` made: what it was made `from`, and what was lost.
+    /// In a log that `recover` made: what it was made `from`, before its first frame; and at its end once more, with what was lost.
     pub const RECOVERED: &str = "recovered";
     /// The drive is a simulated one, which can be made again: its `seed`.
     pub const SIMULATED: &str = "simulated";

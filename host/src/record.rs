@@ -143,6 +143,7 @@ pub fn converse(
     let mut summary = Summary::default();
     let mut heard = Instant::now();
     let mut told_silent = false;
+    let mut told_last = false;
     let mut stopped: Option<Instant> = None;
     loop {
         match buffer.take(POLL) {
@@ -185,6 +186,11 @@ pub fn converse(
         summary.unconfigured = link.keeper.astray();
         summary.seconds = clock.started.elapsed().as_secs_f64();
         (summary.log_bytes, summary.parts) = log.extent();
+        // The live page begins another recording while the connection lasts.
+        let told_before = std::mem::replace(&mut told_last, log.is_last());
+        if told_last && !told_before {
+            notice(Notice::LastFile);
+        }
         if stopped.is_none() && !goes_on(&summary) {
             stopped = Some(Instant::now());
             buffer.stop();

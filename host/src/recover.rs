@@ -3,10 +3,11 @@
 //! Every frame that can be read from the file, or found in its damaged places (see [`log::Reader`]), goes into a new log with its receive time.
 //! The account rests on three proofs: the frames' own numbers say how many are missing and where; the receive times around a hole say how long it is at
 //! most; and every byte of a damaged place that belongs to no recovered frame is counted. What no number can tell is said to be unknown: the end of
-//! a file that was not closed, and what a board had under way when it restarted.
+//! a file that was not closed, a file that another one names and that is gone, and what a board had under way when it restarted.
 //!
 //! The new log is then read again from the disk: it must hold every frame, bit for bit, without damage, and verify as the account says. Only then is
-//! it done. The old files are only read. Several files of one recording become one log.
+//! it done. The old files are only read. Several files of one recording become one log, which says before its first frame which they are: it may take the
+//! place of the first of them, with the others still there.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -143,14 +144,17 @@ fn recover_with(
         bad: 0,
         span: None,
         described: BTreeMap::new(),
+        next: None,
+        is_piece: false,
     };
+    let from = log::names_of(files);
     for (number, file) in files.iter().enumerate() {
         match open(file) {
-            Ok(reader) => recovery.file(file, reader, |offset| progress(number, offset))?,
+            Ok(reader) => recovery.file(files, number, &from, reader, |offset| progress(number, offset))?,
             // Nothing can be told of a recording whose first file is none.
             Err(error) if number == 0 => return Err(error.into()),
             Err(Damage::Interrupted) => return Err(Error::Interrupted),
-            Err(error) => recovery.missing_file(file, &error),
+            Err(error) => recovery.unopened(file, &error),
         }
     }
     // Nothing behind a last file that cannot be opened says what it held.
@@ -158,7 +162,7 @@ fn recover_with(
         hole.frames = None;
         recovery.close(0);
     }
-    let Recovery { mut log, mut report, hash, described, bad, sequence, .. } = recovery;
+    let Recovery { mut log, mut report, hash, described, bad, sequence, next, .. } = recovery;
     // Broken frames behind which none follows: no number says that they are missing.
     report.frames_lost = sequence.missing() + bad;
     report.unknown_gaps = sequence.unknown();
@@ -172,7 +176,10 @@ fn recover_with(
     for (name, entries) in described {
         log.metadata(&name, entries)?;
     }
-    log.metadata(metadata::RECOVERED, provenance(files, &report))?;
+    if let Some(next) = next {
+        log.metadata(metadata::NEXT, next)?;
+    }
+    log.metadata(metadata::RECOVERED, provenance(from, &report))?;
     log.finish()?;
     let proved = prove(to, report.frames, sequence.missing(), &hash)?;
     (report.profiles, report.profiles_reproduced) = (proved.profiles, proved.profiles_reproduced);
@@ -214,10 +221,25 @@ struct Recovery {
     span: Option<(u64, u64)>,
     /// Metadata of the old files that frames do not say, by name.
     described: BTreeMap<String, BTreeMap<String, String>>,
+    /// What the file before says of the one that follows it.
+    next: Option<BTreeMap<String, String>>,
+    /// Whether the first file is a later one of a recording.
+    is_piece: bool,
 }
 
 impl Recovery {
-    fn file(&mut self, file: &Path, mut reader: log::Reader, mut progress: impl FnMut(u64)) -> Result<(), Error> {
+    fn file(
+        &mut self,
+        files: &[PathBuf],
+        number: usize,
+        from: &str,
+        mut reader: log::Reader,
+        mut progress: impl FnMut(u64),
+    ) -> Result<(), Error> {
+        let file = &files[number];
+        if number == 0 {
+            self.begin(&reader, from)?;
+        }
         let mut given_up = false;
         while let Some(item) = reader.next() {
             match item {
@@ -234,18 +256,24 @@ impl Recovery {
         }
         self.report.files_missing += u64::from(given_up);
         for (name, entries) in reader.metadata() {
-            if !matches!(name.as_str(), metadata::PART | metadata::RECOVERED) {
+            if !matches!(name.as_str(), metadata::PART | metadata::NEXT | metadata::RECOVERED) {
                 // Frames know better who sent them.
                 self.described.entry(name.clone()).or_insert_with(|| entries.clone());
             }
         }
         // Nothing behind it says what it cost.
         self.close(reader.unread());
+        let following = files.get(number + 1).map(PathBuf::as_path);
+        if let Some(what) = log::torn(&files[0], file, reader.metadata(), following).filter(|_| !self.is_piece) {
+            self.missing_file(file, fs::metadata(file).map_or(0, |metadata| metadata.len()), 0, what);
+        }
+        self.next = reader.metadata().get(metadata::NEXT).cloned();
         Ok(())
     }
 
-    /// A file that cannot be opened, between others.
-    fn missing_file(&mut self, file: &Path, error: &Damage) {
+    /// A file that cannot be opened, behind others.
+    fn unopened(&mut self, file: &Path, error: &Damage) {
+        self.next = None;
         self.report.damages += 1;
         self.report.files_missing += 1;
         let bytes = fs::metadata(file).map_or(0, |metadata| metadata.len());
@@ -266,6 +294,21 @@ impl Recovery {
             closed_bytes: bytes,
             what: error.what(),
         });
+    }
+
+    /// What whoever opens the new log must know of it before anything else: which file of a recording it takes the place of, and what is in it.
+    fn begin(&mut self, first: &log::Reader, from: &str) -> Result<(), Error> {
+        if let Some(part) = first.metadata().get(metadata::PART) {
+            self.is_piece = true;
+            self.log.metadata(metadata::PART, part.clone())?;
+        }
+        Ok(self.log.metadata(metadata::RECOVERED, [("from".to_owned(), from.to_owned())].into())?)
+    }
+
+    /// A file that gave nothing, found at a place.
+    fn missing_file(&mut self, file: &Path, offset: u64, bytes: u64, what: String) {
+        self.report.files_missing += 1;
+        self.report.note(Loss { file: file.to_path_buf(), offset, bytes, frames: None, seconds: None, what });
     }
 
     fn damage(&mut self, file: &Path, error: &Damage, reader: &log::Reader) {
@@ -408,16 +451,14 @@ fn describe(message: &Message<'_>) -> Option<(&'static str, BTreeMap<String, Str
 }
 
 /// The account in the new log itself.
-fn provenance(files: &[PathBuf], report: &Report) -> BTreeMap<String, String> {
-    // Names and not paths: where they lay is nobody's business who gets the log.
-    let names: Vec<_> =
-        files.iter().filter_map(|file| file.file_name()).map(|name| name.to_string_lossy().into_owned()).collect();
+fn provenance(from: String, report: &Report) -> BTreeMap<String, String> {
     BTreeMap::from([
-        ("from".to_owned(), names.join(", ")),
+        ("from".to_owned(), from),
         ("frames_lost".to_owned(), report.frames_lost.to_string()),
         ("seconds_lost_at_most".to_owned(), format!("{:.3}", report.seconds_lost)),
         ("bytes_lost".to_owned(), report.bytes_lost.to_string()),
         ("open_ends".to_owned(), report.open_ends.to_string()),
+        ("files_missing".to_owned(), report.files_missing.to_string()),
         ("restarts".to_owned(), report.restarts.to_string()),
     ])
 }

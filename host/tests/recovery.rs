@@ -165,6 +165,55 @@ fn the_first_file_of_a_recording_is_the_drive_in_every_command() {
     }
 }
 
+/// Of ten files one was copied; or the computer died when the second had a name and nothing else.
+#[test]
+fn a_drive_that_goes_on_in_a_file_that_is_not_there_is_told_by_every_command() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    ends(folder, &["simulate", "--seconds", "12", "-o", "drive.mcap"], 0);
+    ends(folder, &["run", "drive.mcap", "-o", "drive.log.mcap"], 0);
+    assert!(rotated(folder) >= 3);
+    let alone = folder.join("alone");
+    fs::create_dir(&alone).unwrap();
+    fs::copy(folder.join("rot.log.mcap"), alone.join("rot.log.mcap")).unwrap();
+    for (case, said) in
+        ["goes on in rot.log.part0002.mcap, which is not there", "rot.log.part0002.mcap"].into_iter().enumerate()
+    {
+        for (command, says) in [
+            (&["verify", "rot.log.mcap"] as &[&str], said),
+            (&["info", "rot.log.mcap"], said),
+            (&["profiles", "rot.log.mcap", "-o", "rot.csv"], "1 damaged, broken or missing parts passed over"),
+            (&["report", "rot.log.mcap", "-o", "rot.html"], "1 damaged, broken or missing parts passed over"),
+            (&["recover", "rot.log.mcap", "-o", "one.log.mcap"], said),
+        ] {
+            let (_, err) = ends(&alone, command, 3);
+            assert!(err.contains(says), "{command:?}: {err}");
+        }
+        fs::remove_file(alone.join("one.log.mcap")).unwrap();
+        if case == 0 {
+            fs::write(alone.join("rot.log.part0002.mcap"), b"").unwrap();
+        }
+    }
+}
+
+/// What was recovered is given the name of what it was recovered from, whose other files nobody has cleared away.
+#[test]
+fn a_recovered_drive_under_its_old_name_is_counted_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    ends(folder, &["simulate", "--seconds", "12", "-o", "drive.mcap"], 0);
+    ends(folder, &["run", "drive.mcap", "-o", "drive.log.mcap"], 0);
+    rotated(folder);
+    ends(folder, &["recover", "rot.log.mcap", "-o", "whole.mcap"], 0);
+    fs::rename(folder.join("whole.mcap"), folder.join("rot.log.mcap")).unwrap();
+    let (table, err) = ends(folder, &["profiles", "rot.log.mcap"], 0);
+    assert!(table == ends(folder, &["profiles", "drive.log.mcap"], 0).0, "{err}");
+    assert!(err.contains("rot.log.part0002.mcap: is not read with rot.log.mcap: its frames are in "), "{err}");
+    // Named with all that lies beside it, it is one drive as well.
+    let named = ["profiles", "rot.log.mcap", "rot.log.part0002.mcap", "--road", "A", "-o", "set/"];
+    assert_eq!(ends(folder, &named, 0).1.matches(" rows").count(), 1);
+}
+
 /// What a file says of its board is text to be read, not to be obeyed by a terminal.
 #[test]
 fn control_characters_of_a_log_do_not_reach_the_terminal() {

@@ -13,8 +13,8 @@ use super::tell;
 pub fn of(named: &[PathBuf]) -> Vec<PathBuf> {
     // What is no log is found out by whoever reads it.
     let recordings: Vec<Parts> = named.iter().map(|log| Parts::of(log).unwrap_or_default()).collect();
-    let followers: BTreeSet<PathBuf> =
-        recordings.iter().flat_map(|recording| recording.files.iter().skip(1)).map(|file| real(file)).collect();
+    let others = |recording: &Parts| [&recording.files[1.min(recording.files.len())..], &recording.within].concat();
+    let followers: BTreeSet<PathBuf> = recordings.iter().flat_map(others).map(|file| real(&file)).collect();
     let mut drives = Vec::new();
     for (log, recording) in named.iter().zip(&recordings) {
         if !followers.contains(&real(log)) {
@@ -27,7 +27,7 @@ pub fn of(named: &[PathBuf]) -> Vec<PathBuf> {
 
 /// The files of a drive, the missing ones among them.
 pub fn recording(log: &Path) -> Vec<PathBuf> {
-    let recording = Parts::of(log).unwrap_or_else(|_| Parts { files: vec![log.to_path_buf()], remarks: Vec::new() });
+    let recording = Parts::of(log).unwrap_or_else(|_| Parts { files: vec![log.to_path_buf()], ..Parts::default() });
     told(log, &recording);
     recording.files
 }

@@ -402,6 +402,9 @@ impl Model {
                     "Put the right configuration in force under Setup: every slope is off by the offset.",
                 );
             }
+            Notice::LastFile => {
+                self.faults.note(notice.to_string(), "Record to another folder, or under another name.")
+            }
             Notice::Mute { .. } => self.faults.note(notice.to_string(), "Connect where commands can be sent."),
             Notice::Board { .. } | Notice::InForce { .. } => {}
         }

@@ -364,6 +364,10 @@ impl Tape for LiveTape {
         }
     }
 
+    fn is_last(&self) -> bool {
+        matches!(&self.step, Step::Recording { log } | Step::Ending { log, .. } if log.is_last())
+    }
+
     fn settle(&mut self, now_ns: u64) -> Result<(), output::Error> {
         while let Ok(order) = self.orders.try_recv() {
             self.obey(order);

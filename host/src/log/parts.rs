@@ -1,9 +1,13 @@
 //! A recording of several files, read as the one stream that it is.
 //!
 //! A live log that grows too large goes on in another file (`drive.log.mcap`, `drive.log.part0002.mcap`, ...), which says in its `part` metadata which
-//! file was before it. Who names the first file means the drive: [`Parts::of`] finds the others by their names and takes those that say that they
-//! follow. A file that another one follows belongs to the drive even if it is damaged or gone. One that says nothing of the kind, or was recorded before
-//! the first began (an older drive of the same name), is left alone, and that is told. That the last file of all is gone, no metadata can tell.
+//! file was before it; that one names it in its `next` metadata when it is closed. Who names the first file means the drive: [`Parts::of`] finds the
+//! others by their names and takes those that say that they follow, also where one between them is damaged or gone, and behind them what cannot be
+//! read and has the number that comes next. One that says nothing of the kind, or was recorded before the first began (an older drive of the same name), is
+//! left alone, and that is told. So is one whose frames are in another already, because `recover` has made that from it.
+//!
+//! That files are gone from the end, the `next` of the last one tells, and a file without an end that it was not closed. What no file tells is
+//! that of a drive recorded before there was a `next`.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::ffi::OsStr;
@@ -17,6 +21,8 @@ use super::{Error, Frame, PARTS, Reader, metadata};
 pub struct Parts {
     /// In their order, from the one that was named. One that is gone is among them: it cannot be opened, which is a damage.
     pub files: Vec<PathBuf>,
+    /// Those beside them whose frames are in them already: one of them was recovered from these.
+    pub within: Vec<PathBuf>,
     /// What the user should know of them, in words.
     pub remarks: Vec<String>,
 }
@@ -37,7 +43,7 @@ impl Parts {
     }
 
     fn behind(first: &Path, opened: &Reader) -> Self {
-        let mut parts = Self { files: vec![first.to_path_buf()], remarks: Vec::new() };
+        let mut parts = Self { files: vec![first.to_path_buf()], ..Self::default() };
         if let Some(part) = opened.metadata().get(metadata::PART) {
             let said = |key| part.get(key).map_or("?", String::as_str);
             let (number, before) = (said("number"), said("before"));
@@ -47,26 +53,46 @@ impl Parts {
             ));
             return parts;
         }
-        let (mut last, mut silent, mut others) = (1, BTreeMap::new(), BTreeSet::new());
+        let mut held = Held::default();
+        held.note(first, opened);
+        let strange = !held.files.is_empty() && held.by(first).is_none();
+        let (mut last, mut silent, mut passed) = (1, BTreeMap::new(), BTreeSet::new());
         for number in numbers(first) {
             let path = part_path(first, number);
-            let opened_part = Reader::open(&path);
-            let part = opened_part.as_ref().ok().and_then(|part| part.metadata().get(metadata::PART));
-            let (Ok(reader), Some(part)) = (&opened_part, part) else {
-                silent.insert(number, opened_part.is_ok_and(|part| part.damage().0 > 0));
+            if let Some(holder) = held.by(&path) {
+                passed.insert(number);
+                parts.leave(&path, &format!("its frames are in {}, which was recovered from it", holder.display()));
+                parts.within.push(path);
+                continue;
+            }
+            if strange {
+                passed.insert(number);
+                parts.leave(&path, "that was recovered from files of another name");
+                continue;
+            }
+            let reader = match Reader::open(&path) {
+                Ok(reader) => reader,
+                // A whole file of another kind says nothing; what cannot be opened at all may have been of this one.
+                Err(error) => {
+                    silent.insert(number, !matches!(error, Error::Content { .. }));
+                    continue;
+                }
+            };
+            let Some(before) = before(&reader) else {
+                silent.insert(number, reader.damage().0 > 0);
                 continue;
             };
-            let before = part.get("before").map_or("?", String::as_str);
             let follows = match number_of(first, before) {
-                Some(before) if before >= last && before < number && !others.contains(&before) => before,
+                Some(before) if held.by(&part_path(first, before)).is_some() => last,
+                Some(before) if before >= last && before < number && !passed.contains(&before) => before,
                 _ => {
-                    others.insert(number);
+                    passed.insert(number);
                     parts.leave(&path, &format!("it says that it follows {before}"));
                     continue;
                 }
             };
             if opened.begin_ns().zip(reader.begin_ns()).is_some_and(|(first, this)| this < first) {
-                others.insert(number);
+                passed.insert(number);
                 parts.leave(&path, "it was recorded earlier");
                 continue;
             }
@@ -77,16 +103,20 @@ impl Parts {
                 }
                 parts.files.push(between);
             }
+            held.note(&path, &reader);
             parts.files.push(path);
             last = number;
         }
         for (number, damaged) in silent {
             let path = part_path(first, number);
-            // Nobody follows it, and what it follows is unreadable.
-            if damaged && number == last + 1 {
+            // Nobody follows it, and what it follows is unreadable. The writer has passed over what others had, and nothing else.
+            let is_next = number > last
+                && (last + 1..number).all(|n| passed.contains(&n) || held.by(&part_path(first, n)).is_some());
+            if damaged && is_next {
                 parts.files.push(path);
                 last = number;
             } else {
+                passed.insert(number);
                 parts.leave(&path, "it does not say what it follows");
             }
         }
@@ -95,6 +125,77 @@ impl Parts {
 
     fn leave(&mut self, path: &Path, why: &str) {
         self.remarks.push(format!("{}: is not read with {}: {why}", path.display(), self.files[0].display()));
+    }
+}
+
+/// What `recover` has put into files: each with the names of those whose frames are in it.
+#[derive(Default)]
+struct Held {
+    files: Vec<(PathBuf, String)>,
+}
+
+impl Held {
+    fn note(&mut self, path: &Path, reader: &Reader) {
+        let from = reader.metadata().get(metadata::RECOVERED).and_then(|recovered| recovered.get("from"));
+        self.files.extend(from.map(|from| (path.to_path_buf(), from.clone())));
+    }
+
+    /// The file that has the frames of another one, or of what had its own name before.
+    fn by(&self, path: &Path) -> Option<&Path> {
+        let name = path.file_name()?.to_string_lossy();
+        self.files.iter().find(|(_, from)| is_among(&name, from)).map(|(holder, _)| holder.as_path())
+    }
+}
+
+/// The names of files, and of those that they were recovered from, as [`metadata::RECOVERED`] has them under `from`.
+///
+/// Names and not paths: where they lay is nobody's business who gets the log.
+pub(crate) fn names_of(files: &[PathBuf]) -> String {
+    let mut names = Vec::new();
+    for file in files {
+        names.extend(file.file_name().map(|name| name.to_string_lossy().into_owned()));
+        let recovered = Reader::open(file).ok().and_then(|log| log.metadata().get(metadata::RECOVERED).cloned());
+        names.extend(recovered.and_then(|recovered| recovered.get("from").cloned()));
+    }
+    names.join(", ")
+}
+
+/// Whether a name is among those of [`names_of`]; commas may be in names, too.
+fn is_among(name: &str, from: &str) -> bool {
+    format!(", {from}, ").contains(&format!(", {name}, "))
+}
+
+/// The name of the file that a log says it follows.
+fn before(log: &Reader) -> Option<&str> {
+    log.metadata().get(metadata::PART)?.get("before").map(String::as_str)
+}
+
+fn has_name(path: &Path, name: &str) -> bool {
+    path.file_name().map(OsStr::to_string_lossy).is_some_and(|found| found == name)
+}
+
+/// What is wrong where a file of a recording ends. With its metadata it names the one that follows it, which is neither `next` nor there, or does not say that
+/// it follows. `first` is the file that all their names are made of.
+pub(crate) fn torn(
+    first: &Path,
+    file: &Path,
+    metadata: &BTreeMap<String, BTreeMap<String, String>>,
+    next: Option<&Path>,
+) -> Option<String> {
+    let name = metadata.get(metadata::NEXT)?.get("name")?;
+    if next.is_some_and(|next| has_name(next, name)) {
+        return None;
+    }
+    let from = metadata.get(metadata::RECOVERED).and_then(|recovered| recovered.get("from"));
+    let is_this = |name: &str| has_name(file, name) || from.is_some_and(|from| is_among(name, from));
+    // A name that is found in a file is no path: only its number is taken from it.
+    let follower = number_of(first, name).map(|number| part_path(first, number)).filter(|path| path.exists());
+    match follower.map(|path| Reader::open(&path)) {
+        None => Some(format!("goes on in {name}, which is not there")),
+        Some(Err(_)) => Some(format!("goes on in {name}, which cannot be read")),
+        // Not asked for, and there.
+        Some(Ok(log)) if before(&log).is_some_and(is_this) => None,
+        Some(Ok(_)) => Some(format!("goes on in {name}, which does not say that it follows")),
     }
 }
 
@@ -108,15 +209,14 @@ pub(super) fn part_path(first: &Path, number: u32) -> PathBuf {
 
 /// Which file of a recording has a name: 1 is the first.
 fn number_of(first: &Path, name: &str) -> Option<u32> {
-    let is = |path: &Path| path.file_name().map(OsStr::to_string_lossy).is_some_and(|found| found == name);
-    if is(first) {
+    if has_name(first, name) {
         return Some(1);
     }
     let stem = first.file_stem()?.to_string_lossy();
     let digits = name.strip_prefix(&*stem)?.strip_prefix(".part")?;
     let digits = digits.split('.').next()?;
     let number = digits.parse().ok().filter(|number| (2..=PARTS).contains(number))?;
-    is(&part_path(first, number)).then_some(number)
+    has_name(&part_path(first, number), name).then_some(number)
 }
 
 /// Which files of such names there are behind the first.
@@ -129,10 +229,17 @@ fn numbers(first: &Path) -> BTreeSet<u32> {
 
 /// Reads the files of a recording one after the other.
 ///
-/// Errors are told where they occur; the frames behind them follow. A file that cannot be opened is one.
+/// Errors are told where they occur; the frames behind them follow. A file that cannot be opened is one, and so is the end of one that goes on in a file
+/// that is not there, unless the first is itself a later file of a recording, and read for what it is.
 #[derive(Debug)]
 pub struct Recording {
     reader: Reader,
+    /// The first file.
+    first: PathBuf,
+    /// The one under way, while its end is to be held against what follows.
+    path: Option<PathBuf>,
+    /// Whether the first is a later file of a recording.
+    is_piece: bool,
     /// Files that follow.
     next: VecDeque<PathBuf>,
     file: usize,
@@ -149,7 +256,7 @@ impl Recording {
     pub fn open(first: &Path) -> Result<Self, Error> {
         let reader = Reader::open(first)?;
         let parts = Parts::behind(first, &reader);
-        Ok(Self::over(reader, &parts.files[1..]))
+        Ok(Self::over(first, reader, &parts.files[1..]))
     }
 
     /// Opens these files and no others, in this order. Those behind the first are opened when their turn comes.
@@ -157,11 +264,27 @@ impl Recording {
     /// # Errors
     /// As of [`Reader::open`], of the first.
     pub fn open_all(first: &Path, others: &[PathBuf]) -> Result<Self, Error> {
-        Ok(Self::over(Reader::open(first)?, others))
+        Ok(Self::over(first, Reader::open(first)?, others))
     }
 
-    fn over(reader: Reader, others: &[PathBuf]) -> Self {
-        Self { size: reader.size(), reader, next: others.iter().cloned().collect(), file: 0, before: 0 }
+    fn over(first: &Path, reader: Reader, others: &[PathBuf]) -> Self {
+        Self {
+            first: first.to_path_buf(),
+            path: Some(first.to_path_buf()),
+            is_piece: reader.metadata().contains_key(metadata::PART),
+            next: others.iter().cloned().collect(),
+            file: 0,
+            size: reader.size(),
+            before: 0,
+            reader,
+        }
+    }
+
+    /// What is wrong at the end of the file under way, once.
+    fn torn(&mut self) -> Option<Error> {
+        let path = self.path.take().filter(|_| !self.is_piece)?;
+        let what = torn(&self.first, &path, self.reader.metadata(), self.next.front().map(PathBuf::as_path))?;
+        Some(Error::Damaged { path, offset: self.size, what })
     }
 
     /// Metadata of the file under way, as far as it has been read.
@@ -197,14 +320,18 @@ impl Iterator for Recording {
             if let Some(item) = self.reader.next() {
                 if matches!(item, Err(Error::Interrupted)) {
                     self.next.clear();
+                    self.path = None;
                 }
                 return Some(item);
+            }
+            if let Some(error) = self.torn() {
+                return Some(Err(error));
             }
             let path = self.next.pop_front()?;
             self.file += 1;
             self.before += std::mem::take(&mut self.size);
             match Reader::open(&path) {
-                Ok(reader) => (self.size, self.reader) = (reader.size(), reader),
+                Ok(reader) => (self.size, self.reader, self.path) = (reader.size(), reader, Some(path)),
                 Err(error) => return Some(Err(error)),
             }
         }
@@ -213,6 +340,10 @@ impl Iterator for Recording {
 
 #[cfg(test)]
 mod tests {
+    use crossfall_core::protocol::DeviceTime;
+    use crossfall_core::protocol::frame::{MAX_MESSAGE_FRAME, Sequencer};
+    use crossfall_core::protocol::message::{Message, Pulse, PulseVerdict};
+
     use super::*;
     use crate::log::{Options, Writer};
 
@@ -225,7 +356,7 @@ mod tests {
         let mut log = Writer::create_with(&first, options).unwrap();
         let mut files = vec![first];
         for i in 0..300_u64 {
-            log.frame(from_ns + i * 20_000_000, &[(i % 200) as u8 + 1; 12]).unwrap();
+            log.frame(from_ns + i * 20_000_000, &frame(i)).unwrap();
             if log.path() != files.last().unwrap() {
                 files.push(log.path().to_path_buf());
             }
@@ -233,6 +364,18 @@ mod tests {
         log.finish().unwrap();
         assert_eq!(files.len(), 3);
         files
+    }
+
+    /// One that proves itself.
+    fn frame(i: u64) -> Vec<u8> {
+        let pulse = Pulse { time: DeviceTime(i * 20_000), verdict: PulseVerdict::Accepted };
+        let mut out = [0; MAX_MESSAGE_FRAME];
+        let length = Sequencer::new().message(&Message::Pulse(pulse), &mut out).unwrap();
+        out[..length].to_vec()
+    }
+
+    fn errors(first: &Path) -> Vec<String> {
+        Recording::open(first).unwrap().filter_map(Result::err).map(|error| error.to_string()).collect()
     }
 
     fn count(first: &Path) -> (usize, usize) {
@@ -244,7 +387,7 @@ mod tests {
     fn the_first_file_means_the_drive_and_a_later_one_itself() {
         let folder = tempfile::tempdir().unwrap();
         let files = record(folder.path(), "a.log.mcap", T);
-        assert_eq!(Parts::of(&files[0]).unwrap(), Parts { files: files.clone(), remarks: Vec::new() });
+        assert_eq!(Parts::of(&files[0]).unwrap(), Parts { files: files.clone(), ..Parts::default() });
         assert_eq!(count(&files[0]), (300, 0));
         let alone = Parts::of(&files[1]).unwrap();
         assert_eq!(alone.files, files[1..2]);
@@ -288,5 +431,53 @@ mod tests {
         assert_eq!(parts.remarks.len(), 3, "{parts:?}");
         assert!(parts.remarks[0].contains("part0002.mcap: is not read with") && parts.remarks[0].ends_with("earlier"));
         assert_eq!(count(&new[0]), (300, 0));
+    }
+
+    /// A kill between the next file's name and its first bytes, a disk that has given it its length alone, a bit of its first eight bytes.
+    #[test]
+    fn a_last_file_that_cannot_be_read_belongs_to_the_drive_and_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        // The numbers 2 and 3 are an older drive's: the new one has 4 and 5.
+        let old = record(folder.path(), "a.log.mcap", T);
+        fs::remove_file(&old[0]).unwrap();
+        let files = record(folder.path(), "a.log.mcap", T + 86_400_000_000_000);
+        assert_eq!(files[2], part_path(&files[0], 5));
+        let whole = fs::read(&files[2]).unwrap();
+        let mut hit = whole.clone();
+        hit[3] ^= 0x10;
+        let (cut, zeros) = (whole[..7].to_vec(), vec![0; 4096]);
+        for bytes in [Vec::new(), cut, zeros, hit] {
+            fs::write(&files[2], &bytes).unwrap();
+            assert_eq!(Parts::of(&files[0]).unwrap().files, files, "{} bytes", bytes.len());
+            let (frames, errors) = count(&files[0]);
+            assert!(frames >= 200 && errors > 0, "{} bytes: {frames} frames, {errors} errors", bytes.len());
+        }
+        // With what is before it gone as well.
+        fs::remove_file(&files[1]).unwrap();
+        fs::write(&files[2], b"").unwrap();
+        let told = errors(&files[0]);
+        assert!(told.len() == 1 && told[0].ends_with("goes on in a.log.part0004.mcap, which is not there"), "{told:?}");
+    }
+
+    #[test]
+    fn a_drive_whose_end_is_gone_is_told_by_what_is_left() {
+        let folder = tempfile::tempdir().unwrap();
+        let files = record(folder.path(), "a.log.mcap", T);
+        fs::remove_file(&files[2]).unwrap();
+        assert_eq!(count(&files[0]), (200, 1));
+        let told = errors(&files[0]);
+        assert!(told[0].contains("a.log.part0002.mcap: damaged at byte "), "{told:?}");
+        assert!(told[0].ends_with(": goes on in a.log.part0003.mcap, which is not there"), "{told:?}");
+        // Somebody's file of this name is not it.
+        fs::copy(&files[1], &files[2]).unwrap();
+        let told = errors(&files[0]);
+        assert!(told.len() == 1 && told[0].ends_with("which does not say that it follows"), "{told:?}");
+        fs::remove_file(&files[2]).unwrap();
+        // One that is named itself is read for what it is, and so is the first where it alone was asked for.
+        assert_eq!(count(&files[1]), (100, 0));
+        let alone = |first: &Path| Recording::open_all(first, &[]).unwrap().filter(Result::is_err).count();
+        assert_eq!(alone(&files[0]), 0);
+        fs::remove_file(&files[1]).unwrap();
+        assert_eq!((alone(&files[0]), count(&files[0])), (1, (100, 1)));
     }
 }

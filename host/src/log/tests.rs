@@ -219,6 +219,34 @@ fn a_full_file_is_followed_by_another_that_says_who_sends() {
     assert!(all.len() < written.len() && all[..] == written[..all.len()], "more files follow");
 }
 
+/// All numbers but the last are taken: the recording has two files, whatever their size, and a reader finds both.
+#[test]
+fn behind_the_last_number_the_file_grows_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("drive.log.mcap");
+    let last = folder.path().join(format!("drive.log.part{PARTS}.mcap"));
+    let ours = [path.clone(), last.clone()];
+    let open = move |path: &Path| -> std::io::Result<Box<dyn Storage>> {
+        if !ours.iter().any(|one| one == path) {
+            return Err(std::io::ErrorKind::AlreadyExists.into());
+        }
+        Ok(Box::new(fs::File::create_new(path)?))
+    };
+    let options = Options { max_ns: 1_000_000_000, ..Options::default() };
+    let mut writer = Writer::create_over(&path, options, Box::new(open)).unwrap();
+    let frames: Vec<_> = (0..300_u64).map(|i| (i * 20_000_000, vec![i as u8 | 1; 12])).collect();
+    let mut full = None;
+    for (time, bytes) in &frames {
+        writer.frame(*time, bytes).unwrap();
+        full = full.or(writer.is_last().then_some(*time));
+    }
+    assert_eq!((writer.parts(), writer.path(), full), (2, &*last, Some(2_000_000_000)));
+    writer.finish().unwrap();
+    assert_eq!(Parts::of(&path).unwrap().files, [path.clone(), last]);
+    let read: Vec<_> = Recording::open(&path).unwrap().map(Result::unwrap).collect();
+    assert!(read.iter().map(|frame| (frame.receive_ns, frame.bytes.clone())).eq(frames));
+}
+
 #[test]
 fn two_writers_never_have_one_file() {
     let folder = tempfile::tempdir().unwrap();

@@ -18,7 +18,7 @@ use crate::output::{self, Output};
 /// Bytes after which a chunk is closed in any case.
 const CHUNK_BYTES: u64 = 1 << 20;
 
-/// Files of one recording at most.
+/// The highest number of a file. The one that gets it, or finds no free one behind its own, is the recording's last and grows on.
 pub const PARTS: u32 = 9_999;
 
 /// Makes the storage of a file that must not exist.
@@ -48,9 +48,12 @@ pub struct Writer {
     path: PathBuf,
     /// The first file of the recording, which names the others.
     first: PathBuf,
-    part: u32,
+    /// The latest number that was tried for a file.
+    number: u32,
+    /// Files so far.
+    files: u32,
     options: Options,
-    /// How the next file is made; absent from logs that appear whole.
+    /// How the next file is made; absent from logs that appear whole, and when all numbers are taken.
     open: Option<Opener>,
     mcap: mcap::Writer<Sink>,
     /// Bytes that have left `mcap` for this file; shared with its sink.
@@ -110,7 +113,8 @@ impl Writer {
         Ok(Self {
             path: path.to_path_buf(),
             first: path.to_path_buf(),
-            part: 1,
+            number: 1,
+            files: 1,
             options,
             open,
             mcap,
@@ -175,10 +179,9 @@ impl Writer {
     }
 
     fn record(&mut self, name: &str, entries: BTreeMap<String, String>) -> Result<(), output::Error> {
-        let record = Metadata { name: name.to_owned(), metadata: entries };
         // It closes the open chunk.
         self.chunk_started = None;
-        self.mcap.write_metadata(&record).map_err(|error| unwritable(&self.path, error))
+        describe(&mut self.mcap, &self.path, name, entries)
     }
 
     /// The file that is written now.
@@ -190,7 +193,13 @@ impl Writer {
     /// Files so far.
     #[must_use]
     pub fn parts(&self) -> u32 {
-        self.part
+        self.files
+    }
+
+    /// Whether the recording has come to its last file: it should have been followed, and all [`PARTS`] numbers are taken. It grows on.
+    #[must_use]
+    pub fn is_last(&self) -> bool {
+        self.number >= PARTS && self.open.is_none()
     }
 
     /// Bytes in all files so far, without those of the open chunk.
@@ -212,34 +221,47 @@ impl Writer {
         self.written.load(Ordering::Relaxed) >= self.options.max_bytes || is_over(started, now_ns, self.options.max_ns)
     }
 
-    /// Closes this file and goes on in the next one, which says again who sends and how it is configured.
+    /// Goes on in the next file, which says again who sends and how it is configured, and closes this one, which names the next.
+    ///
+    /// What the next file begins with is on the disk before anything of this one's end is written: whenever the power goes, one of the two
+    /// is open, and a reader can tell.
     fn rotate(&mut self) -> Result<(), output::Error> {
-        let Some(open) = &mut self.open else { return Ok(()) };
-        let (path, storage) = loop {
-            let path = part_path(&self.first, self.part + 1);
-            self.part += 1;
-            match open(&path) {
-                Ok(storage) => break (path, storage),
-                // Somebody's file: it stays as it is, and its number is passed over.
-                Err(error) if error.kind() == io::ErrorKind::AlreadyExists && self.part < PARTS => {}
-                Err(source) => return Err(output::Error { path, source }),
-            }
-        };
+        let Some((path, storage)) = self.successor()? else { return Ok(()) };
+        let named = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let written = Arc::default();
         let sink = Sink { target: Target::live(storage), written: Arc::clone(&written) };
-        let next = begin(&path, self.options, sink)?;
+        let mut next = begin(&path, self.options, sink)?;
+        let part = [("number".to_owned(), self.number.to_string()), ("before".to_owned(), named(&self.path))];
+        describe(&mut next, &path, metadata::PART, part.into())?;
+        for (name, entries) in &self.described {
+            describe(&mut next, &path, name, entries.clone())?;
+        }
+        next.flush().map_err(|error| unwritable(&path, error))?;
+        self.record(metadata::NEXT, [("name".to_owned(), named(&path))].into())?;
         let full = mem::replace(&mut self.mcap, next);
         let before = mem::replace(&mut self.path, path);
         self.part_started = None;
+        self.files += 1;
         end(full, &before)?;
         self.earlier_bytes += mem::replace(&mut self.written, written).load(Ordering::Relaxed);
-        let before = before.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let number = self.part.to_string();
-        self.record(metadata::PART, BTreeMap::from([("number".to_owned(), number), ("before".to_owned(), before)]))?;
-        for (name, entries) in self.described.clone() {
-            self.record(&name, entries)?;
+        Ok(())
+    }
+
+    /// Makes the next file. None when the last number is taken: then there is no next one, now and later.
+    fn successor(&mut self) -> Result<Option<(PathBuf, Box<dyn Storage>)>, output::Error> {
+        let Some(open) = &mut self.open else { return Ok(None) };
+        while self.number < PARTS {
+            self.number += 1;
+            let path = part_path(&self.first, self.number);
+            match open(&path) {
+                Ok(storage) => return Ok(Some((path, storage))),
+                // Somebody's file: it stays as it is, and its number is passed over.
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                Err(source) => return Err(output::Error { path, source }),
+            }
         }
-        self.flush()
+        self.open = None;
+        Ok(None)
     }
 }
 
@@ -260,6 +282,16 @@ fn begin(path: &Path, options: Options, sink: Sink) -> Result<mcap::Writer<Sink>
         .map_err(wrap)?;
     mcap.add_channel_with_id(WIRE_ID, 0, TOPIC, crate::capture::ENCODING, &BTreeMap::new()).map_err(wrap)?;
     Ok(mcap)
+}
+
+fn describe(
+    mcap: &mut mcap::Writer<Sink>,
+    path: &Path,
+    name: &str,
+    entries: BTreeMap<String, String>,
+) -> Result<(), output::Error> {
+    let record = Metadata { name: name.to_owned(), metadata: entries };
+    mcap.write_metadata(&record).map_err(|error| unwritable(path, error))
 }
 
 fn end(mut mcap: mcap::Writer<Sink>, path: &Path) -> Result<(), output::Error> {

@@ -7,6 +7,7 @@ use crossfall_core::protocol::schema;
 
 use super::SILENCE;
 use crate::config::{degrees_of, to_toml};
+use crate::log::PARTS;
 
 /// What the user should be told while the recording goes on.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -39,6 +40,8 @@ pub enum Notice {
         /// How many.
         bytes: u64,
     },
+    /// Another file should begin, and the numbers of files are used up: this one grows on.
+    LastFile,
     /// The device can be read and not written to: no command reaches a board there.
     Mute {
         /// What the operating system said.
@@ -107,6 +110,9 @@ impl fmt::Display for Notice {
             Self::Back => f.write_str("connected again"),
             Self::Silent => write!(f, "nothing comes from the board for {} s", SILENCE.as_secs()),
             Self::Overflow { bytes } => write!(f, "the log is too slow: {bytes} bytes lost"),
+            Self::LastFile => {
+                write!(f, "no number up to {PARTS} is free for another file: this one grows on, whatever its size")
+            }
             Self::Mute { why } => write!(f, "nothing can be said to the board ({why}): recorded as it comes"),
             Self::InForce { config, again, profiles } => {
                 let what = if *again { "configuration sent again and in force" } else { "configuration in force" };

@@ -25,6 +25,9 @@ pub trait Tape {
     /// Bytes on the disk, in how many files.
     fn extent(&self) -> (u64, u32);
 
+    /// Whether the log has come to its last file, which grows beyond its bounds, see [`log::Writer::is_last`].
+    fn is_last(&self) -> bool;
+
     /// Time goes by; called at least twenty times a second.
     ///
     /// # Errors
@@ -43,6 +46,10 @@ impl Tape for log::Writer {
 
     fn extent(&self) -> (u64, u32) {
         (self.bytes(), self.parts())
+    }
+
+    fn is_last(&self) -> bool {
+        Self::is_last(self)
     }
 
     fn settle(&mut self, now_ns: u64) -> Result<(), output::Error> {

@@ -159,21 +159,104 @@ fn log_frame(frame: &[u8]) -> bool {
 fn files_of_one_recording_become_one_log() {
     let folder = Folder::new();
     let sent = frames(300);
-    let path = folder.path("a.mcap");
-    let options = log::Options { max_ns: 2_000_000_000, ..log::Options::default() };
-    let mut log = log::Writer::create_with(&path, options).unwrap();
-    for (i, frame) in sent.iter().enumerate() {
-        log.frame(T + i as u64 * EVERY_NS, frame).unwrap();
-    }
-    assert_eq!(log.parts(), 3);
-    log.finish().unwrap();
-    let files = [path, folder.path("a.part0002.mcap"), folder.path("a.part0003.mcap")];
+    let files = record(&folder, &sent);
     let report = recover(&files, &folder.path("out.mcap"), |_, _| ()).unwrap();
     assert!(!report.lost, "{report:?}");
     assert_eq!(read(&folder.path("out.mcap")), sent);
     // One is missing: exactly its frames are.
     let report = recover(&[files[0].clone(), files[2].clone()], &folder.path("torn.mcap"), |_, _| ()).unwrap();
     assert_eq!((report.lost, report.frames_lost, report.frames_lost_in_file), (true, 100, 0));
+}
+
+/// A recording of 100 frames a file.
+fn record(folder: &Folder, sent: &[Vec<u8>]) -> Vec<PathBuf> {
+    let first = folder.path("a.mcap");
+    let options = log::Options { max_ns: 2_000_000_000, ..log::Options::default() };
+    let mut log = log::Writer::create_with(&first, options).unwrap();
+    for (i, frame) in sent.iter().enumerate() {
+        log.frame(T + i as u64 * EVERY_NS, frame).unwrap();
+    }
+    log.finish().unwrap();
+    log::Parts::of(&first).unwrap().files
+}
+
+/// What a drive holds when its first file is named, the errors in between, and what is said.
+fn drive(first: &Path) -> (Vec<Vec<u8>>, usize, Vec<String>) {
+    let (frames, errors): (Vec<_>, Vec<_>) = log::Recording::open(first).unwrap().partition(Result::is_ok);
+    let frames = frames.into_iter().map(|frame| frame.unwrap().bytes).collect();
+    (frames, errors.len(), log::Parts::of(first).unwrap().remarks)
+}
+
+/// However often it is recovered: what the new log is made from is not read with it.
+#[test]
+fn a_recovered_drive_takes_the_place_of_its_first_file() {
+    let folder = Folder::new();
+    let sent = frames(500);
+    let files = record(&folder, &sent);
+    assert_eq!(files.len(), 5);
+    for again in [false, true] {
+        let from = if again { &files[..1] } else { &files[..] };
+        let report = recover(from, &folder.path("new.mcap"), |_, _| ()).unwrap();
+        assert!(!report.lost, "{report:?}");
+        fs::remove_file(&files[0]).unwrap();
+        fs::rename(folder.path("new.mcap"), &files[0]).unwrap();
+        let (found, errors, remarks) = drive(&files[0]);
+        assert!((found == sent, errors, remarks.len()) == (true, 0, 4), "{} frames: {remarks:?}", found.len());
+        assert!(remarks.iter().all(|remark| remark.contains("its frames are in ")), "{remarks:?}");
+    }
+    // Made under another name's place, what lies there belongs to nobody.
+    fs::rename(&files[0], folder.path("b.mcap")).unwrap();
+    fs::copy(&files[1], folder.path("b.part0002.mcap")).unwrap();
+    let (found, errors, remarks) = drive(&folder.path("b.mcap"));
+    assert!(found == sent && errors == 0 && remarks[0].ends_with("from files of another name"), "{remarks:?}");
+}
+
+#[test]
+fn recovered_files_of_a_recording_take_their_places_in_it() {
+    let folder = Folder::new();
+    let sent = frames(500);
+    let files = record(&folder, &sent);
+    let replace = |parts: &[usize]| {
+        let from: Vec<_> = parts.iter().map(|&part| files[part].clone()).collect();
+        let report = recover(&from, &folder.path("new.mcap"), |_, _| ()).unwrap();
+        assert!(!report.lost, "{report:?}");
+        for file in &from {
+            fs::remove_file(file).unwrap();
+        }
+        fs::rename(folder.path("new.mcap"), &from[0]).unwrap();
+        let (found, errors, remarks) = drive(&files[0]);
+        assert!(found == sent && errors == 0 && remarks.is_empty(), "{parts:?}: {errors} errors, {remarks:?}");
+    };
+    // One of the middle, the last, two as one, the first.
+    replace(&[3]);
+    replace(&[4]);
+    replace(&[1, 2]);
+    replace(&[0]);
+    // What was known of the end still is.
+    fs::remove_file(&files[4]).unwrap();
+    assert_eq!(drive(&files[0]).1, 1);
+}
+
+#[test]
+fn files_that_are_gone_or_unreadable_are_lost_and_told() {
+    let folder = Folder::new();
+    let files = record(&folder, &frames(300));
+    let lost = |files: &[PathBuf]| {
+        let _absent = fs::remove_file(folder.path("new.mcap"));
+        recover(files, &folder.path("new.mcap"), |_, _| ()).unwrap()
+    };
+    fs::write(&files[2], [0; 4096]).unwrap();
+    let report = lost(&files);
+    assert_eq!((report.lost, report.frames, report.bytes_lost), (true, 200, 4096), "{report:?}");
+    fs::remove_file(&files[2]).unwrap();
+    let report = lost(&files[..2]);
+    assert_eq!((report.lost, report.files_missing, report.frames_lost), (true, 1, 0), "{report:?}");
+    assert_eq!(report.losses[0].what, "goes on in a.part0003.mcap, which is not there");
+    // The new log says so as well.
+    let (found, errors, _) = drive(&folder.path("new.mcap"));
+    assert_eq!((found.len(), errors), (200, 1));
+    // What was asked for is there: a later file alone, and files with others beside them.
+    assert!(!lost(&files[1..2]).lost && !lost(&files[..1]).lost);
 }
 
 #[test]
