@@ -250,23 +250,20 @@ fn a_cloud_lies_on_the_simulated_ground() {
     assert!(checked > 50, "{checked}");
 }
 
-/// The log of a drive with other poses; without those for which there are none.
+/// The log of a drive with other poses, by their seconds after the first scan; without those for which there are none.
 fn rewritten(made: &Made, name: &str, poses: impl Fn(f64, Pose) -> Option<Pose>) -> PathBuf {
     let path = made.folder.path().join(name);
     let mut writer = log::Writer::create(&path).unwrap();
     let mut stream = Stream::open(&made.log()).unwrap();
     let (mut sequencer, mut room) = (Sequencer::new(), [0; MAX_MESSAGE_FRAME]);
-    let (mut now_ns, mut first_us) = (0, None);
+    let (mut now_ns, first) = (0, made.rows[0].time);
     while let Some((_, item)) = stream.next() {
         let Item::Message { message, .. } = item else { panic!("a log without damage") };
         let message = match message {
-            Message::Pose(pose) => {
-                let first_us = *first_us.get_or_insert(pose.time.0);
-                match poses((pose.time.0 - first_us) as f64 * 1e-6, pose) {
-                    Some(pose) => Message::Pose(pose),
-                    None => continue,
-                }
-            }
+            Message::Pose(pose) => match poses(pose.time.since(first) as f64 * 1e-6, pose) {
+                Some(pose) => Message::Pose(pose),
+                None => continue,
+            },
             other => other,
         };
         let length = sequencer.message(&message, &mut room).unwrap();

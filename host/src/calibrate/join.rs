@@ -36,11 +36,18 @@ pub fn join(mut estimates: Vec<Estimate>, old_offset_deg: f64) -> Option<Estimat
     let reversed = turned >= LEAST_TURN_DEG;
     let (change_deg, offset_se_deg, ground) = if reversed {
         let Fit { offset_deg, se_deg, tilt: [north, east] } = fit(&seen, worst)?;
-        let said = format!(
-            "{} directions: the ground was found to tilt by {:.3} degrees, which is not in the offset",
-            azimuths.len(),
-            north.hypot(east)
-        );
+        let said = if se_deg <= MAX_OFFSET_SE_DEG {
+            let tilt_deg = north.hypot(east);
+            format!(
+                "{} directions: the ground was found to tilt by {tilt_deg:.3} degrees, which is not in the offset",
+                seen.len()
+            )
+        } else {
+            format!(
+                "{} directions, {turned:.0} degrees apart at most: they do not tell the ground's tilt from the scanner's",
+                seen.len()
+            )
+        };
         (offset_deg, se_deg, said)
     } else {
         let said = format!(

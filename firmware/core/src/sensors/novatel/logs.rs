@@ -63,7 +63,7 @@ pub enum Quality {
     Good,
     /// High variance or free inertial (2, 6): usable, to be flagged.
     Degraded,
-    /// Aligning (1): position and velocity are those of the satellites, the angles are not known yet and sent as zeros.
+    /// Aligning (1): position and velocity are those of the satellites, the angles are not known yet: zeros or rough ones are sent.
     Aligning,
     /// Anything else: inactive, waiting. Every field may be zero.
     Unusable,
