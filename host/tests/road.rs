@@ -189,9 +189,10 @@ fn a_terminal_that_closes_leaves_the_monitors_recording_whole() {
     let folder = tempfile::tempdir().unwrap();
     let simulated = crossfall(folder.path(), &["simulate", "--seconds", "60", "-o", "c.mcap"]).output().unwrap();
     assert!(simulated.status.success());
-    // The shell is hung up as well, and lives on to tell how the monitor ended.
+    // The shell is hung up, passes that on as shells do, and lives on to tell how the monitor ended.
     let shell = format!(
-        "trap : HUP; stty rows 24 cols 80; '{}' monitor c.mcap --into . ; echo $? > code",
+        "trap 'kill -HUP $p' HUP; stty rows 24 cols 80; '{}' monitor c.mcap --into . < /dev/tty & \
+         p=$!; wait $p; wait $p; echo $? > code",
         env!("CARGO_BIN_EXE_crossfall")
     );
     let mut terminal = Command::new("script")
