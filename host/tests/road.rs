@@ -187,31 +187,27 @@ fn every_signal_that_asks_for_the_end_gets_a_whole_log() {
     }
 }
 
-/// A pseudo terminal that the monitor has for its own, and that is closed while it records.
+/// `script` has the terminal in which the monitor records: killed, it closes it.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_terminal_that_closes_leaves_the_monitors_recording_whole() {
-    use serialport::{SerialPort, TTYPort};
-
     let folder = tempfile::tempdir().unwrap();
     let simulated = crossfall(folder.path(), &["simulate", "--seconds", "60", "-o", "c.mcap"]).output().unwrap();
     assert!(simulated.status.success());
-    let (mut terminal, other) = TTYPort::pair().unwrap();
-    terminal.set_timeout(Duration::from_millis(10)).unwrap();
-    let open = || fs::File::options().read(true).write(true).open(other.name().unwrap()).unwrap();
-    let sized = Command::new("stty").args(["rows", "24", "cols", "80"]).stdin(open()).status().unwrap();
-    assert!(sized.success());
-    // In a session of its own, so that it is hung up when the terminal closes.
-    let mut monitor = Command::new("setsid")
-        .args(["--ctty", env!("CARGO_BIN_EXE_crossfall"), "monitor", "c.mcap", "--into", "."])
+    // The shell is hung up, passes that on as shells do, and lives on to tell how the monitor ended.
+    let shell = format!(
+        "trap 'kill -HUP $p' HUP; stty rows 24 cols 80; '{}' monitor c.mcap --into . < /dev/tty & \
+         p=$!; wait $p; wait $p; echo $? > code",
+        env!("CARGO_BIN_EXE_crossfall")
+    );
+    let mut terminal = Command::new("script")
+        .args(["-q", "-c", &shell, "/dev/null"])
         .current_dir(folder.path())
-        .env("TERM", "xterm")
-        .stdin(open())
-        .stdout(open())
-        .stderr(open())
+        .envs([("TERM", "xterm"), ("SHELL", "/bin/sh")])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
         .spawn()
         .unwrap();
-    drop(other);
     let log = || {
         let mut files = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path());
         files.find(|file| file.to_string_lossy().ends_with(".log.mcap"))
@@ -219,22 +215,22 @@ fn a_terminal_that_closes_leaves_the_monitors_recording_whole() {
     let (began, mut asked) = (Instant::now(), false);
     while log().is_none_or(|log| fs::metadata(log).unwrap().len() < 50_000) {
         assert!(began.elapsed() < PATIENCE);
-        // Who draws waits until it is read.
-        let _nothing_yet = terminal.read(&mut [0; 4096]);
-        if !asked && began.elapsed() > SECOND {
-            asked = terminal.write_all(b"r").is_ok();
+        thread::sleep(Duration::from_millis(20));
+        if !asked && began.elapsed() > 2 * SECOND {
+            asked = terminal.stdin.as_mut().unwrap().write_all(b"r").is_ok();
         }
     }
-    drop(terminal);
+    terminal.kill().unwrap();
+    terminal.wait().unwrap();
     let closed = Instant::now();
-    let status = loop {
-        if let Some(status) = monitor.try_wait().unwrap() {
-            break status;
+    let code = loop {
+        match fs::read_to_string(folder.path().join("code")) {
+            Ok(code) if code.ends_with('\n') => break code,
+            _ => assert!(closed.elapsed() < PATIENCE, "it goes on"),
         }
-        assert!(closed.elapsed() < PATIENCE, "it goes on");
         thread::sleep(Duration::from_millis(20));
     };
-    assert_eq!(status.code(), Some(0), "{status}");
+    assert_eq!(code, "0\n");
     let report = verify::verify(&log().unwrap(), |_| ()).unwrap();
     assert!(report.ok && report.frames > 100, "{:?}", report.problems);
 }

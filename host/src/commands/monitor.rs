@@ -3,6 +3,8 @@
 //! The lamps, the section and the figures of `crossfall serve`, without a browser. Ctrl-C or q ends it, and a recording with it, whole.
 
 use std::io::{self, IsTerminal};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
+use std::thread;
 use std::time::Duration;
 
 use anyhow::Context;
@@ -38,17 +40,16 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     );
     let live = args.source.start(args.into.logs()?, config)?;
     let mut terminal = ratatui::try_init().context("no terminal to draw on")?;
+    let typed = keys();
     let shown = (|| -> anyhow::Result<()> {
         while !crossfall::interrupt::requested() {
             let (state, section) = (live.hub().state(), live.hub().section());
             terminal.draw(|frame| draw(frame, &state, section.as_deref()))?;
-            if !event::poll(PICTURE)? {
-                continue;
-            }
-            let Event::Key(key) = event::read()? else { continue };
-            if key.kind == KeyEventKind::Release {
-                continue;
-            }
+            let key = match typed.recv_timeout(PICTURE) {
+                Ok(Event::Key(key)) if key.kind != KeyEventKind::Release => key,
+                Ok(_) | Err(RecvTimeoutError::Timeout) => continue,
+                Err(RecvTimeoutError::Disconnected) => anyhow::bail!("the terminal gives no keys any more"),
+            };
             match key.code {
                 KeyCode::Char('q') | KeyCode::Esc => break,
                 // A terminal in raw mode sends no signal.
@@ -75,4 +76,15 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         tell!("{}: {:.1} s, {} frames, {} profiles", last.file, last.seconds, last.frames, last.profiles);
     }
     Ok(verdict(&live))
+}
+
+/// What is typed, from a thread of its own that ends with the process: of a terminal that has been closed crossterm reads the end for ever.
+fn keys() -> Receiver<Event> {
+    let (tell, typed) = mpsc::channel();
+    thread::spawn(move || {
+        while let Ok(event) = event::read()
+            && tell.send(event).is_ok()
+        {}
+    });
+    typed
 }
