@@ -247,7 +247,7 @@ impl Board {
             2 => TIMELESS,
             _ => pulse(self.time_us / 1_000),
         };
-        let out_of_turn_word = matches!(message, Message::Hello(_)) && self.number % 65_536 == 0;
+        let out_of_turn_word = matches!(message, Message::Hello(_)) && self.number.is_multiple_of(65_536);
         let message = if out_of_turn_word { TIMELESS } else { message };
         let gap = sequence.observe_message((self.number % 65_536) as u16, &message);
         self.skip(1);

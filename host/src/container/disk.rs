@@ -185,6 +185,10 @@ pub(crate) mod tests {
         pub(crate) fn new(bytes: &[u8], places: &[Range<u64>]) -> Self {
             Self { bytes: bytes.to_vec(), places: places.to_vec(), at: 0, failures: Arc::default() }
         }
+
+        pub(crate) fn at(bytes: &[u8], place: Range<u64>) -> Self {
+            Self::new(bytes, std::slice::from_ref(&place))
+        }
     }
 
     impl Read for Failing {
@@ -237,7 +241,7 @@ pub(crate) mod tests {
             }
             assert!(found == expected, "{most}");
         }
-        assert_eq!(disk.unreadable(10_000), [4_096..12_288]);
+        assert_eq!(disk.unreadable(10_000), std::slice::from_ref(&(4_096..12_288)));
         assert_eq!(disk.unreadable(u64::MAX), [12_288..16_384, 40_960..49_152, 98_304..100_000]);
         assert_eq!(disk.unreadable(u64::MAX), []);
         assert!(failures.load(Ordering::Relaxed) < 12, "what has failed is not tried again");
@@ -246,14 +250,14 @@ pub(crate) mod tests {
     #[test]
     fn one_that_fails_everywhere_is_given_up() {
         let bytes = vec![1; (MOST + 10) * PIECE as usize];
-        let failing = Failing::new(&bytes, &[0..u64::MAX]);
+        let failing = Failing::at(&bytes, 0..u64::MAX);
         let failures = Arc::clone(&failing.failures);
         let mut disk = Disk::new(Box::new(failing), bytes.len() as u64, true);
         let error = io::copy(&mut disk, &mut io::sink()).unwrap_err().to_string();
         assert!(error.starts_with("Input/output error; 16385 places of 4096 bytes"), "{error}");
         assert!(failures.load(Ordering::Relaxed) <= 2 * MOST + 4);
         // One that is not patient says so at once.
-        let mut disk = Disk::new(Box::new(Failing::new(&bytes, &[0..1])), bytes.len() as u64, false);
+        let mut disk = Disk::new(Box::new(Failing::at(&bytes, 0..1)), bytes.len() as u64, false);
         assert!(disk.read(&mut [0; 8]).is_err());
     }
 }

@@ -393,8 +393,8 @@ fn what_is_no_log_is_refused_before_it_is_read() {
 }
 
 /// Reads a log from a disk that cannot read some places.
-fn read_failing(bytes: &[u8], places: &[std::ops::Range<u64>]) -> Result<Reader, Error> {
-    let disk = Box::new(Failing::new(bytes, places));
+fn read_failing(bytes: &[u8], place: std::ops::Range<u64>) -> Result<Reader, Error> {
+    let disk = Box::new(Failing::at(bytes, place));
     Reader::over(Container::over(Path::new("a.mcap"), disk, bytes.len() as u64, true)?)
 }
 
@@ -408,7 +408,7 @@ fn a_sector_that_cannot_be_read_costs_the_frames_in_it_and_is_told() {
     assert!(whole.len() > 5 * 4_096);
     for bad in 0..whole.len().div_ceil(4_096) as u64 {
         let (from, to) = (bad * 4_096, ((bad + 1) * 4_096).min(whole.len() as u64));
-        let mut reader = read_failing(&whole, &[from..from + 1]).unwrap();
+        let mut reader = read_failing(&whole, from..from + 1).unwrap();
         let (mut frames, mut told) = (Vec::new(), Vec::new());
         for item in reader.by_ref() {
             match item {
@@ -437,13 +437,12 @@ fn a_disk_that_fails_everywhere_is_an_error_that_says_so() {
     let path = folder.path().join("a.mcap");
     good(&path, 400, Options::default());
     let whole = fs::read(&path).unwrap();
-    let everywhere = 0..u64::MAX;
-    let error = read_failing(&whole, std::slice::from_ref(&everywhere)).unwrap_err();
+    let error = read_failing(&whole, 0..u64::MAX).unwrap_err();
     assert!(matches!(error, Error::Io { .. }), "{error}");
     assert_eq!(error.to_string(), "a.mcap: Input/output error");
     let large = vec![0; (MOST + 1_000) * 4_096];
-    let error = read_failing(&[&whole[..], &large].concat(), &[8_192..u64::MAX]).unwrap();
-    let (frames, errors): (Vec<_>, Vec<_>) = error.partition(Result::is_ok);
+    let reader = read_failing(&[&whole[..], &large].concat(), 8_192..u64::MAX).unwrap();
+    let (frames, errors): (Vec<_>, Vec<_>) = reader.partition(Result::is_ok);
     assert!(frames.len() > 20 && errors.len() < 20, "{} frames, {} errors", frames.len(), errors.len());
     let last = errors.last().unwrap().as_ref().unwrap_err();
     assert!(matches!(last, Error::Io { .. }) && last.to_string().ends_with("it is given up"), "{last}");

@@ -344,7 +344,7 @@ fn a_bad_sector_costs_the_frames_in_it() {
     });
     let inside = inside.count();
     let open = |path: &Path| {
-        let disk = Failing::new(&fs::read(path).unwrap(), &[at + 100..at + 101]);
+        let disk = Failing::at(&fs::read(path).unwrap(), at + 100..at + 101);
         let size = disk.bytes.len() as u64;
         log::Reader::over(Container::over(path, Box::new(disk), size, true)?)
     };
@@ -365,7 +365,7 @@ fn a_disk_that_gives_out_costs_what_is_behind() {
     write(&path, &sent);
     let large = [fs::read(&path).unwrap(), vec![0; 80 << 20]].concat();
     let open = |path: &Path| {
-        let disk = Failing::new(&large, &[16_384..u64::MAX]);
+        let disk = Failing::at(&large, 16_384..u64::MAX);
         log::Reader::over(Container::over(path, Box::new(disk), large.len() as u64, true)?)
     };
     let report = recover_with(&[path], &folder.path("out.mcap"), open, |_, _| ()).unwrap();
