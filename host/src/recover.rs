@@ -457,6 +457,7 @@ fn provenance(from: String, report: &Report) -> BTreeMap<String, String> {
         ("frames_lost".to_owned(), report.frames_lost.to_string()),
         ("seconds_lost_at_most".to_owned(), format!("{:.3}", report.seconds_lost)),
         ("bytes_lost".to_owned(), report.bytes_lost.to_string()),
+        ("unknown_gaps".to_owned(), report.unknown_gaps.to_string()),
         ("open_ends".to_owned(), report.open_ends.to_string()),
         ("files_missing".to_owned(), report.files_missing.to_string()),
         ("restarts".to_owned(), report.restarts.to_string()),

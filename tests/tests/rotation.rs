@@ -217,7 +217,7 @@ fn a_drive_that_ends_between_two_files_is_told_at_every_instant() {
             assert!(found.len() >= safe, "{context}: {} of {safe} safe frames", found.len());
             assert!(found[..] == frames[..found.len()], "{context}: other frames");
             tried[files.len()] += 1;
-            if is_long || step % 23 == 0 {
+            if is_long || step % 61 == 0 {
                 let parts = Parts::of(&first).expect("a recording").files;
                 let _absent = std::fs::remove_file(&made);
                 let report = recover(&parts, &made, |_, _| ()).expect("a log");

@@ -21,6 +21,9 @@ const CHUNK_BYTES: u64 = 1 << 20;
 /// The highest number of a file. The one that gets it, or finds no free one behind its own, is the recording's last and grows on.
 pub const PARTS: u32 = 9_999;
 
+/// A file that follows another.
+type Successor = (PathBuf, Box<dyn Storage>);
+
 /// Makes the storage of a file that must not exist.
 type Opener = Box<dyn FnMut(&Path) -> io::Result<Box<dyn Storage>> + Send>;
 
@@ -248,7 +251,7 @@ impl Writer {
     }
 
     /// Makes the next file. None when the last number is taken: then there is no next one, now and later.
-    fn successor(&mut self) -> Result<Option<(PathBuf, Box<dyn Storage>)>, output::Error> {
+    fn successor(&mut self) -> Result<Option<Successor>, output::Error> {
         let Some(open) = &mut self.open else { return Ok(None) };
         while self.number < PARTS {
             self.number += 1;
