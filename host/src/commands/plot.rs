@@ -29,7 +29,7 @@ const NEAR_M: f64 = 30.0;
 Examples:
   crossfall plot drive.log.mcap -o pictures
   crossfall plot drive.log.mcap --scan 120 --theme dark --format png -o pictures
-  crossfall plot run1.log.mcap run2.log.mcap run3.log.mcap --station 250 -o pictures
+  crossfall plot run1.log.mcap run2.log.mcap --station 250 -o pictures
   crossfall plot drive.log.mcap --truth truth.csv -o pictures")]
 pub struct Args {
     /// The log, or several of one road
