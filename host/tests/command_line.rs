@@ -433,7 +433,7 @@ fn examples_fit_a_terminal() {
         .skip_while(|line| *line != "Commands:")
         .skip(1)
         .take_while(|line| !line.is_empty())
-        .filter_map(|line| line.split_whitespace().next())
+        .filter_map(|line| line.strip_prefix("  ").filter(|line| !line.starts_with(' '))?.split(' ').next())
         .filter(|command| *command != "help")
         .collect();
     assert!(commands.len() > 20, "{all}");
