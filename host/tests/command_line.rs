@@ -1,20 +1,16 @@
 //! The command line as a user meets it: exit codes, one clear line for each kind of bad input, and nothing half-written left behind.
 
+mod program;
+
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Output};
 
 use tempfile::TempDir;
 
 /// Runs `crossfall` in a folder.
 fn crossfall(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_crossfall"))
-        .args(arguments)
-        .current_dir(folder)
-        .env_remove("COLUMNS")
-        .stdin(Stdio::null())
-        .output()
-        .expect("the binary runs")
+    program::crossfall(folder, arguments).output().expect("the binary runs")
 }
 
 /// What it said on stderr, after checking that it ended with a code.
@@ -103,13 +99,8 @@ fn the_demo_proves_itself() {
 #[test]
 fn the_emulated_demo_says_what_it_lacks() {
     let folder = tempfile::tempdir().unwrap();
-    let output = Command::new(env!("CARGO_BIN_EXE_crossfall"))
-        .args(["demo", "--device", "emulated", "--seconds", "1"])
-        .current_dir(folder.path())
-        .env("PATH", folder.path())
-        .stdin(Stdio::null())
-        .output()
-        .expect("the binary runs");
+    let mut demo = program::crossfall(folder.path(), &["demo", "--device", "emulated", "--seconds", "1"]);
+    let output = demo.env("PATH", folder.path()).output().expect("the binary runs");
     let error = ends(&output, 1);
     assert!(error.contains("qemu-system-arm is not installed: `apt install qemu-system-arm`"), "{error}");
     assert_eq!(names(folder.path()), [""; 0]);
@@ -244,13 +235,7 @@ fn usage_is_told_with_its_own_code() {
 fn a_reader_that_stops_reading_is_no_error() {
     let folder = drive();
     ends(&crossfall(folder.path(), &["run", "drive.mcap", "-o", "drive.log.mcap"]), 0);
-    let mut child = Command::new(env!("CARGO_BIN_EXE_crossfall"))
-        .args(["profiles", "drive.log.mcap"])
-        .current_dir(folder.path())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut child = program::crossfall(folder.path(), &["profiles", "drive.log.mcap"]).spawn().unwrap();
     drop(child.stdout.take());
     let output = child.wait_with_output().unwrap();
     assert_eq!(ends(&output, 0), "");
@@ -292,13 +277,7 @@ fn ctrl_c_leaves_nothing_half_written() {
         (&["reproduce", "terrain", "-o", "pictures"], ""),
     ] {
         fs::create_dir_all(at.join(writes_to)).unwrap();
-        let mut child = Command::new(env!("CARGO_BIN_EXE_crossfall"))
-            .args(arguments)
-            .current_dir(at)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let mut child = program::crossfall(at, arguments).spawn().unwrap();
         // Once it has begun, and before anything like all is done.
         if writes_to.is_empty() {
             let mut heading = [0; 8];

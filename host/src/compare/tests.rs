@@ -94,7 +94,11 @@ fn what_says_itself_unreliable_is_left_out_and_counted() {
     let found = repeat(&drives, &Options::default()).unwrap();
     assert_eq!(found.pairs[0].unreliable, 200);
     assert!(found.adjacent.mean_absolute_deg < 0.01);
-    assert!(found.remarks.iter().any(|remark| remark.contains("200 sections are left out as unreliable")), "{:?}", found.remarks);
+    assert!(
+        found.remarks.iter().any(|remark| remark.contains("200 sections are left out as unreliable")),
+        "{:?}",
+        found.remarks
+    );
 }
 
 #[test]

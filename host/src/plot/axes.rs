@@ -229,7 +229,8 @@ mod tests {
 
     #[test]
     fn names_end_within_the_canvas() {
-        let long = "a very long name of a survey drive on interstate 80 westbound mile 147 to 161 on a wet monday morning";
+        let long =
+            "a very long name of a survey drive on interstate 80 westbound mile 147 to 161 on a wet monday morning";
         let row = |names: &[&str]| names_in_row(names, 32, 1_200);
         assert_eq!(row(&["mon", "tue"]), [(26, "mon".to_owned()), (105, "tue".to_owned())]);
         for names in [&[long][..], &[long, "mon", long], &[long; 5], &[long; 30]] {

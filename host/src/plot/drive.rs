@@ -106,8 +106,7 @@ fn draw(
     &Along { unit, from, to, width }: &Along,
     last: bool,
 ) -> Result<(), Error> {
-    let gathered: Vec<Vec<(f64, Estimate)>> =
-        series.drives.iter().map(|drive| gather(drive, from, width)).collect();
+    let gathered: Vec<Vec<(f64, Estimate)>> = series.drives.iter().map(|drive| gather(drive, from, width)).collect();
     // The scale follows the bulk of the slopes: one stray interval must not flatten the rest.
     let mut slopes: Vec<f64> =
         gathered.iter().flatten().map(|m| m.1.value).chain(series.truth.iter().map(|t| t.1)).collect();

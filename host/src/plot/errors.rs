@@ -25,7 +25,10 @@ pub fn errors(kinds: &[(String, Vec<f64>)], title: &str, theme: Theme) -> Result
     let reach = sizes.get(sizes.len() * 199 / 200).copied().unwrap_or(0.1).max(0.01) * 1.15;
     let beyond = sizes.len() - sizes.partition_point(|size| *size <= reach);
     if beyond > 0 {
-        let note = format!("{beyond} of {} errors are greater than {reach:.2}\u{b0}: they are counted in the outermost bars", sizes.len());
+        let note = format!(
+            "{beyond} of {} errors are greater than {reach:.2}\u{b0}: they are counted in the outermost bars",
+            sizes.len()
+        );
         area.draw(&Text::new(note, (24, 48), text(16, colours.text)))?;
     }
     let panels = area.margin(78, 8, 12, 24).split_evenly((kinds.len().div_ceil(2).max(1), 2));
