@@ -98,6 +98,7 @@ export class TrackView {
     const x = (e) => width / 2 + (e - (west + east) / 2) * scale;
     const y = (n) => height / 2 - (n - (south + north) / 2) * scale;
     c.font = FONT;
+    c.textAlign = "left";
     c.strokeStyle = colours.road;
     c.lineWidth = 3;
     c.lineJoin = "round";

@@ -174,9 +174,9 @@ function frame(now) {
   if (dirty.strips) {
     dirty.strips = false;
     const last = scene.moments.at(-1);
-    for (const [chart, output, columns] of strips) {
+    for (const [chart, now, columns] of strips) {
       chart.draw(scene.moments, colours);
-      if (last) output.textContent = columns.map((column) => `${panels.signed(last[column], 1)}°`).join("  ");
+      if (last) now.textContent = columns.map((column) => `${panels.signed(last[column], 1)}°`).join("  ");
     }
     settings.draw(scene.moments, colours);
   }

@@ -23,7 +23,7 @@ export function size(bytes) {
 export class Numbers {
   constructor(root, name) {
     root.innerHTML = `<div class="side">${name}</div>` +
-      ["adjacent", "opposing"].map((kind) => `<div class="row ${kind}"><span class="name">${kind}</span><output class="figure"></output><span class="ci"></span></div>`).join("") +
+      ["adjacent", "opposing"].map((kind) => `<div class="row ${kind}"><span class="name">${kind}</span><span class="figure"></span><span class="ci"></span></div>`).join("") +
       '<div class="flags"></div>';
     this.figures = [...root.querySelectorAll(".figure")];
     this.intervals = [...root.querySelectorAll(".ci")];
@@ -40,19 +40,25 @@ export class Numbers {
 }
 
 const LAMPS = ["lidar", "ins", "pulse", "disk", "link"];
+const COLOURS = { good: "green", warn: "amber", bad: "red", off: "off" };
 const PARTS = { lidar: "LiDAR", ins: "INS", pulse: "Pulse", disk: "Disk", link: "Link" };
 
-/** Lamps, and what to do about the worst of them. */
+/** Lamps, and what to do about the worst of them. A lamp that changes is told to screen readers. */
 export function showLamps(lamps) {
   let worst = null;
+  const changed = [];
   for (const name of LAMPS) {
     const { light, words, advice } = lamps[name];
     const node = $(`lamp-${name}`);
-    if (node.className !== light) node.className = light;
+    if (node.className !== light) {
+      node.className = light;
+      changed.push(`${PARTS[name]}: ${COLOURS[light]}, ${words}.`);
+    }
     set(node.querySelector("span"), words);
     node.title = advice;
     if (light === "bad" && (!worst || name === "link")) worst = { words: `${PARTS[name]}: ${words}.`, advice };
   }
+  if (changed.length) $("lamps-told").textContent = changed.join(" ");
   return worst;
 }
 

@@ -50,7 +50,8 @@ export class SectionView {
     const step = this.reach > 20 ? 10 : this.reach > 8 ? 5 : 2;
     for (let y = -Math.floor(this.reach / step) * step; y <= this.reach; y += step) {
       c.beginPath(); c.moveTo(x(y), top - 10); c.lineTo(x(y), height - bottom + 4); c.stroke();
-      c.fillText(`${Math.abs(y)} m`, x(y), height - 10);
+      const name = `${Math.abs(y)} m`, room = c.measureText(name).width / 2;
+      if (x(y) > room && x(y) < width - room) c.fillText(name, x(y), height - 10);
     }
 
     for (const side of section.sides) {
@@ -72,8 +73,12 @@ export class SectionView {
       c.lineWidth = 2;
       c.beginPath(); c.moveTo(px, pz - 26); c.lineTo(px, pz + 10); c.stroke();
       c.fillStyle = colours.ink;
-      c.fillText(`edge ${Math.abs(side.edge).toFixed(2)} m`, px, pz - 32);
+      // Outward from the edge: those of a narrow road would lie on each other.
+      const name = `edge ${Math.abs(side.edge).toFixed(2)} m`, room = c.measureText(name).width + 4;
+      c.textAlign = side.edge > 0 ? "right" : "left";
+      c.fillText(name, side.edge > 0 ? Math.max(px, room) : Math.min(px, width - room), pz - 32);
     }
+    c.textAlign = "center";
     // The sensor.
     c.fillStyle = colours.ink;
     const lens = Math.max(z(0), top - 14);

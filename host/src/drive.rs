@@ -3,6 +3,8 @@
 //! Of every scan the slopes and the place are kept (96 bytes: 22 MB for a hundred miles), of sections at most [`SECTIONS`], evenly spread: when there
 //! are more, every second one is let go. The log is read once.
 
+mod along;
+
 use std::path::Path;
 
 use crossfall_core::protocol::Config;
@@ -17,6 +19,8 @@ use crate::section::Section;
 use crate::totals::Totals;
 use crate::walk::Walk;
 use crate::way::{Reach, Way};
+
+pub use along::Unit;
 
 /// Sections kept.
 pub const SECTIONS: usize = 240;

@@ -49,8 +49,15 @@ pub mod host_flags {
     pub const STATION_ESTIMATED: u16 = 1 << 15;
 }
 
-/// Flags of a section that says itself that it is not to be relied on: what is said of several sections together leaves it out and counts it.
+/// Flags of a section that is not to be relied on: what is said of several sections together leaves it out and counts it.
 pub const UNRELIABLE: u16 = flags::DOUBTFUL | flags::NO_ATTITUDE;
+
+/// How many `what`, such as `section`, were left out as [`UNRELIABLE`], in words.
+#[must_use]
+pub fn left_out(count: u64, what: &str) -> String {
+    let are = if count == 1 { " is" } else { "s are" };
+    format!("{count} {what}{are} left out as unreliable (doubtful, no_attitude)")
+}
 
 /// One side of one scan, in the units of the table.
 #[derive(Clone, Debug, PartialEq)]

@@ -42,6 +42,14 @@ pub struct Untold {
     pub broken: u64,
 }
 
+impl Untold {
+    /// Whether all that was said was told.
+    #[must_use]
+    pub fn is_nothing(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
 /// Why an image cannot serve.
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {

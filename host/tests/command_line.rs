@@ -1,20 +1,16 @@
 //! The command line as a user meets it: exit codes, one clear line for each kind of bad input, and nothing half-written left behind.
 
+mod program;
+
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Output};
 
 use tempfile::TempDir;
 
 /// Runs `crossfall` in a folder.
 fn crossfall(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_crossfall"))
-        .args(arguments)
-        .current_dir(folder)
-        .env_remove("COLUMNS")
-        .stdin(Stdio::null())
-        .output()
-        .expect("the binary runs")
+    program::crossfall(folder, arguments).output().expect("the binary runs")
 }
 
 /// What it said on stderr, after checking that it ended with a code.
@@ -103,13 +99,8 @@ fn the_demo_proves_itself() {
 #[test]
 fn the_emulated_demo_says_what_it_lacks() {
     let folder = tempfile::tempdir().unwrap();
-    let output = Command::new(env!("CARGO_BIN_EXE_crossfall"))
-        .args(["demo", "--device", "emulated", "--seconds", "1"])
-        .current_dir(folder.path())
-        .env("PATH", folder.path())
-        .stdin(Stdio::null())
-        .output()
-        .expect("the binary runs");
+    let mut demo = program::crossfall(folder.path(), &["demo", "--device", "emulated", "--seconds", "1"]);
+    let output = demo.env("PATH", folder.path()).output().expect("the binary runs");
     let error = ends(&output, 1);
     assert!(error.contains("qemu-system-arm is not installed: `apt install qemu-system-arm`"), "{error}");
     assert_eq!(names(folder.path()), [""; 0]);
@@ -244,13 +235,7 @@ fn usage_is_told_with_its_own_code() {
 fn a_reader_that_stops_reading_is_no_error() {
     let folder = drive();
     ends(&crossfall(folder.path(), &["run", "drive.mcap", "-o", "drive.log.mcap"]), 0);
-    let mut child = Command::new(env!("CARGO_BIN_EXE_crossfall"))
-        .args(["profiles", "drive.log.mcap"])
-        .current_dir(folder.path())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut child = program::crossfall(folder.path(), &["profiles", "drive.log.mcap"]).spawn().unwrap();
     drop(child.stdout.take());
     let output = child.wait_with_output().unwrap();
     assert_eq!(ends(&output, 0), "");
@@ -292,13 +277,7 @@ fn ctrl_c_leaves_nothing_half_written() {
         (&["reproduce", "terrain", "-o", "pictures"], ""),
     ] {
         fs::create_dir_all(at.join(writes_to)).unwrap();
-        let mut child = Command::new(env!("CARGO_BIN_EXE_crossfall"))
-            .args(arguments)
-            .current_dir(at)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let mut child = program::crossfall(at, arguments).spawn().unwrap();
         // Once it has begun, and before anything like all is done.
         if writes_to.is_empty() {
             let mut heading = [0; 8];
@@ -352,6 +331,100 @@ fn a_demo_removes_no_pictures_but_those_of_a_demo_before_it() {
     ends(&crossfall(at, &demo), 0);
     let sections: Vec<_> = names(at).into_iter().filter(|name| name.starts_with("section-")).collect();
     assert_eq!(sections, ["section-37.svg"]);
+}
+
+/// A short drive with a vehicle that stands, run.
+fn parked() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("parked.toml"), "[drive]\nspeed_m_s = 0.0\n").unwrap();
+    let simulate = ["simulate", "--scene", "parked.toml", "--seconds", "3", "-o", "parked.mcap"];
+    ends(&crossfall(folder.path(), &simulate), 0);
+    ends(&crossfall(folder.path(), &["run", "parked.mcap", "-o", "parked.log.mcap"]), 0);
+    folder
+}
+
+#[test]
+fn a_vehicle_that_stood_is_drawn_scan_by_scan() {
+    let folder = parked();
+    let at = folder.path();
+    let told = ends(&crossfall(at, &["plot", "parked.log.mcap", "-o", "pictures"]), 0);
+    assert!(told.contains("parked.log.mcap: the vehicle stood: no view of the road"), "{told}");
+    assert!(!names(&at.join("pictures")).iter().any(|name| name.starts_with("view")));
+    let slopes = fs::read_to_string(at.join("pictures/slopes.svg")).unwrap();
+    assert!(slopes.contains("Slopes, scan by scan") && slopes.contains("scans (the vehicle stood)"));
+    assert!(slopes.contains("mean of each 2 scans") && !slopes.contains("found nowhere"));
+    ends(&crossfall(at, &["report", "parked.log.mcap", "-o", "parked.html"]), 0);
+    let report = fs::read_to_string(at.join("parked.html")).unwrap();
+    assert!(report.contains("<h2>Slopes, scan by scan</h2>") && report.contains("scans (the vehicle stood)"));
+    assert!(report.contains("<td>the vehicle stood</td>") && !report.contains("no speed to tell stations from"));
+}
+
+#[test]
+fn a_station_is_the_tables_and_one_beyond_the_drive_is_refused() {
+    let folder = drive();
+    let at = folder.path();
+    fs::create_dir_all(at.join("tue")).unwrap();
+    for log in ["drive.log.mcap", "tue/drive.log.mcap"] {
+        ends(&crossfall(at, &["run", "drive.mcap", "-o", log]), 0);
+    }
+    fails(
+        at,
+        &["plot", "drive.log.mcap", "--station", "5000", "-o", "no"],
+        "drive.log.mcap: station 5000 m: the drive has ",
+    );
+    assert!(!at.join("no").exists());
+    ends(&crossfall(at, &["profiles", "drive.log.mcap", "-o", "drive.csv"]), 0);
+    let mut table = csv::Reader::from_path(at.join("drive.csv")).unwrap();
+    let heading = table.headers().unwrap().clone();
+    let column = |name| heading.iter().position(|one| one == name).unwrap();
+    let row = table.records().nth(60).unwrap().unwrap();
+    let (scan, station) = (&row[column("scan")], &row[column("station_m")]);
+    let two = ["plot", "drive.log.mcap", "tue/drive.log.mcap", "--station", station, "-o", "pictures"];
+    ends(&crossfall(at, &two), 0);
+    assert!(names(&at.join("pictures")).contains(&format!("section-{scan}.svg")), "scan {scan} is at {station}");
+    // Logs of one name are told apart by their folders.
+    for picture in ["slopes", "runs"] {
+        let svg = fs::read_to_string(at.join(format!("pictures/{picture}.svg"))).unwrap();
+        assert!(svg.contains(">\ndrive\n<") && svg.contains("\ntue/drive"), "{picture}");
+    }
+}
+
+#[test]
+fn a_board_that_has_said_nothing_is_told() {
+    let folder = drive();
+    ends(&crossfall(folder.path(), &["run", "drive.mcap", "-o", "drive.log.mcap"]), 0);
+    let output = crossfall(folder.path(), &["messages", "drive.log.mcap"]);
+    assert!(ends(&output, 0).contains("drive.log.mcap: the board has said nothing") && output.stdout.is_empty());
+}
+
+/// Lines of examples are copied as they are: a terminal of 80 columns must not break one.
+#[test]
+fn examples_fit_a_terminal() {
+    let folder = tempfile::tempdir().unwrap();
+    let help = |arguments: &[&str]| {
+        let output = crossfall(folder.path(), arguments);
+        ends(&output, 0);
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let all = help(&["--help"]);
+    let commands: Vec<&str> = all
+        .lines()
+        .skip_while(|line| *line != "Commands:")
+        .skip(1)
+        .take_while(|line| !line.is_empty())
+        .filter_map(|line| line.strip_prefix("  ").filter(|line| !line.starts_with(' '))?.split(' ').next())
+        .filter(|command| *command != "help")
+        .collect();
+    assert!(commands.len() > 20, "{all}");
+    for command in commands {
+        let text = help(&[command, "--help"]);
+        let (_, examples) = text.split_once("Examples:\n").unwrap_or_default();
+        for line in examples.lines().take_while(|line| !line.is_empty()) {
+            assert!(line.chars().count() <= 80, "{command}: {line}");
+            let whole = line.starts_with("  crossfall ") || line.starts_with("      ");
+            assert!(whole, "{command}: broken by the help's own width: {line}");
+        }
+    }
 }
 
 /// Every help text, against `tests/help.txt`. With CROSSFALL_UPDATE set, the file is written instead.

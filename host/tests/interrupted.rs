@@ -1,5 +1,7 @@
 //! Ctrl-C: whoever reads a log stops, says so, and leaves no output behind.
 
+mod program;
+
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -11,12 +13,7 @@ use crossfall::table::Format;
 use crossfall::{
     calibrate, cloud, compare, dataset, export, info, interrupt, log, output, recover, section, verify, words,
 };
-
-fn crossfall(folder: &Path, arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_crossfall"));
-    command.args(arguments).current_dir(folder).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
-    command
-}
+use program::crossfall;
 
 /// One test: the wish to stop is the process's own.
 #[test]
@@ -68,7 +65,7 @@ fn asked_by_a_signal(folder: &Path) {
     let mut arguments = vec!["verify"];
     arguments.resize(4_000, "drive.log.mcap");
     let began = Instant::now();
-    let child = crossfall(folder, &arguments).spawn().unwrap();
+    let child = crossfall(folder, &arguments).stdout(Stdio::null()).spawn().unwrap();
     std::thread::sleep(Duration::from_millis(1_000));
     assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
     let ended = child.wait_with_output().unwrap();

@@ -1,23 +1,16 @@
 //! `compare`, `calibrate` and `reproduce` as a user meets them: what they print, write and refuse.
 
+mod program;
+
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
 
+use program::crossfall;
 use serde_json::Value;
-
-fn crossfall(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_crossfall"))
-        .args(arguments)
-        .current_dir(folder)
-        .stdin(Stdio::null())
-        .output()
-        .expect("the binary runs")
-}
 
 /// What it printed, after checking how it ended.
 fn ends(folder: &Path, code: i32, arguments: &[&str]) -> (String, String) {
-    let output = crossfall(folder, arguments);
+    let output = crossfall(folder, arguments).output().unwrap();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     let (out, err) = (text(&output.stdout), text(&output.stderr));
     assert_eq!(output.status.code(), Some(code), "{arguments:?}\nstdout: {out}\nstderr: {err}");

@@ -1,10 +1,12 @@
 //! Recording from a board that is a thread here: what it sends is what is logged, and what is lost on the way is told exactly.
 
+mod program;
+
 use std::fs;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::sync::OnceLock;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -13,15 +15,10 @@ use crossfall::record::{Device, Notice, Port, Summary, record};
 use crossfall::{log, verify};
 use crossfall_core::protocol::frame::{BoardDecoder, Event};
 use crossfall_core::protocol::message;
+use program::crossfall;
 
 /// No test takes as long unless it fails.
 const PATIENCE: Duration = Duration::from_secs(60);
-
-fn crossfall(folder: &Path, arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_crossfall"));
-    command.args(arguments).current_dir(folder).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-    command
-}
 
 fn frames(path: &Path) -> Vec<Vec<u8>> {
     log::Reader::open(path).unwrap().map(|frame| frame.unwrap().bytes).collect()

@@ -1,23 +1,16 @@
 //! `recover` and `run --faults` as a user meets them: what is said, and the exit status.
 
+mod program;
+
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
 
 use crossfall::log;
-
-fn crossfall(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_crossfall"))
-        .args(arguments)
-        .current_dir(folder)
-        .stdin(Stdio::null())
-        .output()
-        .expect("the binary runs")
-}
+use program::crossfall;
 
 /// What it said on stdout and stderr, after checking its status.
 fn ends(folder: &Path, arguments: &[&str], code: i32) -> (String, String) {
-    let output = crossfall(folder, arguments);
+    let output = crossfall(folder, arguments).output().unwrap();
     let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     assert_eq!(output.status.code(), Some(code), "{arguments:?}\nstdout: {out}\nstderr: {err}");
     (out.into_owned(), err.into_owned())

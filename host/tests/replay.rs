@@ -1,10 +1,11 @@
 //! Replays into boards that are threads here: every byte arrives, none too early, and a board that sets its scanner up is answered.
 
+mod program;
+
 use std::fs;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
-use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Command, Output};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
@@ -13,6 +14,7 @@ use crossfall::replay::PIECE_NS;
 use crossfall_core::protocol::DeviceTime;
 use crossfall_core::sensors::lms2xx::bring_up::{Action, BringUp, Settings};
 use crossfall_core::sensors::lms2xx::{Decoder, Event};
+use program::crossfall;
 use tempfile::TempDir;
 
 /// No test takes as long unless it fails.
@@ -21,13 +23,11 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// What came on a line: each read and when it ended.
 type Heard = Vec<(Instant, Vec<u8>)>;
 
-fn crossfall(folder: &Path, arguments: &[&str]) -> Child {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_crossfall"));
-    command.args(arguments).current_dir(folder).env_remove("COLUMNS").stdin(Stdio::null());
-    command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+fn ends(mut command: Command, code: i32) -> (String, String) {
+    ended(command.spawn().unwrap(), code)
 }
 
-fn ends(child: Child, code: i32) -> (String, String) {
+fn ended(child: Child, code: i32) -> (String, String) {
     let Output { status, stdout, stderr } = child.wait_with_output().unwrap();
     let (out, err) = (String::from_utf8(stdout).unwrap(), String::from_utf8(stderr).unwrap());
     assert_eq!(status.code(), Some(code), "stdout: {out}\nstderr: {err}");
@@ -215,11 +215,11 @@ fn an_interrupt_ends_the_replay_at_once() {
     let (lidar, _ins) = (sink(lidar), sink(ins));
     // At a hundredth of its speed the drive would last for minutes.
     let arguments = ["replay", "drive.mcap", "--lidar", &lidar_at, "--ins", &ins_at, "--mute", "--speed", "0.01"];
-    let child = crossfall(folder.path(), &arguments);
+    let child = crossfall(folder.path(), &arguments).spawn().unwrap();
     thread::sleep(Duration::from_millis(600));
     let begun = Instant::now();
     assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
-    let (_, err) = ends(child, 1);
+    let (_, err) = ended(child, 1);
     assert!(err.starts_with("crossfall: interrupted after "), "{err}");
     assert!(begun.elapsed() < PATIENCE / 2);
     lidar.join().unwrap();

@@ -4,6 +4,8 @@
 
 #![cfg(unix)]
 
+mod program;
+
 use std::fs;
 use std::io::{self, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -20,18 +22,13 @@ use crossfall::recover::{Report, recover};
 use crossfall::simulate::{self, scene::Scene};
 use crossfall::{capture, run, verify};
 use crossfall_core::protocol::Config;
+use program::crossfall;
 
 /// No test takes as long unless it fails.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// What may be lost.
 const SECOND: Duration = Duration::from_secs(1);
-
-fn crossfall(folder: &Path, arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_crossfall"));
-    command.args(arguments).current_dir(folder).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-    command
-}
 
 /// What a board streams in so many seconds of a drive: half a minute.
 fn drive() -> &'static [Vec<u8>] {

@@ -24,8 +24,10 @@ use super::{Outcome, drives, number, say, say_json, tell};
 #[command(after_help = "\
 Examples:
   crossfall compare monday.log.mcap tuesday.log.mcap wednesday.log.mcap
-  crossfall compare drive.log.mcap --manual inclinometer.csv --within 2 -o pictures
-  crossfall compare monday.log.mcap tuesday.log.mcap --over 10 --side left --json
+  crossfall compare drive.log.mcap --manual inclinometer.csv --within 2 \\
+      -o pictures
+  crossfall compare monday.log.mcap tuesday.log.mcap --over 10 --side left \\
+      --json
   crossfall compare two-units.mcap -o pictures")]
 pub struct Args {
     /// Logs of one road, the first gives the stations; or one capture with a second inertial unit

@@ -9,7 +9,8 @@ use super::{Cli, Outcome, say};
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
-  crossfall completions bash > ~/.local/share/bash-completion/completions/crossfall
+  crossfall completions bash \\
+      > ~/.local/share/bash-completion/completions/crossfall
   crossfall completions fish > ~/.config/fish/completions/crossfall.fish")]
 pub struct Args {
     /// The shell

@@ -225,7 +225,9 @@ fn remove_sections(folder: &Path) -> anyhow::Result<()> {
 
 fn draw(args: &Args, truth: &[truth::Row], log: &Path) -> anyhow::Result<()> {
     // Sections of a drive vary along the road and can be drawn over it; independent ones cannot.
-    let start = truth.first().map_or(0.0, |row| row.station_m);
+    let drive = Drive::read(log, |_| ())?;
+    // The truth counts from the first scan, the log from the first pose.
+    let start = truth.first().map_or(0.0, |row| row.station_m) - drive.span_m().map_or(0.0, |span| span.0);
     let along = |slope: fn(&truth::Row) -> f64| truth.iter().map(|row| (row.station_m - start, slope(row))).collect();
     let truth = [
         along(|row| row.section.left.adjacent_slope_deg),
@@ -233,7 +235,6 @@ fn draw(args: &Args, truth: &[truth::Row], log: &Path) -> anyhow::Result<()> {
         along(|row| row.section.right.adjacent_slope_deg),
         along(|row| row.section.right.opposing_slope_deg),
     ];
-    let drive = Drive::read(log, |_| ())?;
     let canvas = plot::Canvas { folder: &args.output, format: plot::Format::Svg, theme: args.theme.into() };
     plot::slopes(&canvas, std::slice::from_ref(&drive), &[], &truth)?;
     if !drive.scans.is_empty() {

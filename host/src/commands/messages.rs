@@ -12,11 +12,12 @@ use super::{Outcome, drives, has_read_enough, print, print_json_line, tell};
 #[command(after_help = "\
 Examples:
   crossfall messages drive.log.mcap
-  crossfall messages drive.log.mcap --elf firmware/boards/olimex-stm32-h405/target/thumbv7em-none-eabihf/release/crossfall-board")]
+  crossfall messages drive.log.mcap --elf crossfall-board")]
 pub struct Args {
     /// The log
     log: PathBuf,
-    /// The image that ran on the board: its bench messages (defmt) become readable
+    /// The image that ran on the board: its bench messages (defmt) become readable. Cargo builds it
+    /// as `target/thumbv7em-none-eabihf/release/crossfall-board` in the board's folder
     #[arg(long, value_name = "ELF")]
     elf: Option<PathBuf>,
     /// Print a JSON object a line for machines
@@ -27,7 +28,9 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let table = args.elf.as_deref().map(words::table).transpose()?;
     drives::of(std::slice::from_ref(&args.log));
+    let mut lines = 0_u64;
     let untold = words::read(&args.log, table.as_ref(), |line| -> anyhow::Result<()> {
+        lines += 1;
         if args.json {
             return print_json_line(&line);
         }
@@ -38,6 +41,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         Err(error) if error.downcast_ref().is_some_and(has_read_enough) => return Ok(Outcome::Done),
         other => other?,
     };
+    if lines == 0 && untold.is_nothing() {
+        tell!("{}: the board has said nothing", args.log.display());
+    }
     if untold.defmt_bytes > 0 {
         tell!("{} bytes of bench messages; --elf, with the board's image, makes them readable", untold.defmt_bytes);
     }

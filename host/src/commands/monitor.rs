@@ -38,7 +38,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         io::stdout().is_terminal(),
         "the monitor draws on a terminal, and stdout is none; `crossfall serve` shows the same in a browser"
     );
-    let live = args.source.start(args.into.logs()?, config)?;
+    let live = args.source.start(args.into.logs(), config)?;
     let mut terminal = ratatui::try_init().context("no terminal to draw on")?;
     let typed = keys();
     let shown = (|| -> anyhow::Result<()> {

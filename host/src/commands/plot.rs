@@ -4,12 +4,12 @@
 //! `variation-N` the slope of small pieces along that section, `view-N` the returns of the stretch that begins there in perspective. With several logs of one road, `runs` has their returns at one place over each other, and
 //! `slopes` has all of them by where they were. With the truth of a simulated drive, `errors` has histograms of the slopes' errors.
 
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use anyhow::Context;
 use clap::ValueEnum;
 use crossfall::cloud::Stretch;
-use crossfall::drive::{Drive, SLOPES};
+use crossfall::drive::{Drive, SLOPES, Scan, Unit};
 use crossfall::plot::{self, Series, TruthAt};
 use crossfall::section::Section;
 use crossfall::{output, section};
@@ -20,13 +20,16 @@ use super::{Outcome, drives, tell};
 /// Metres of road in the picture of the cloud.
 const VIEW_M: f64 = 60.0;
 
+/// A scan further away than this is not at a place, in metres.
+const NEAR_M: f64 = 30.0;
+
 /// Draw a section, the slopes along the drive, runs over each other (SVG, PNG)
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   crossfall plot drive.log.mcap -o pictures
   crossfall plot drive.log.mcap --scan 120 --theme dark --format png -o pictures
-  crossfall plot run1.log.mcap run2.log.mcap run3.log.mcap --station 250 -o pictures
+  crossfall plot run1.log.mcap run2.log.mcap --station 250 -o pictures
   crossfall plot drive.log.mcap --truth truth.csv -o pictures")]
 pub struct Args {
     /// The log, or several of one road
@@ -38,7 +41,8 @@ pub struct Args {
     /// Number of the scan (of the first log) whose section is drawn; without it one in the middle of the drive
     #[arg(long, value_name = "N", conflicts_with = "station")]
     scan: Option<u32>,
-    /// The section nearest to this station of the first log, in metres
+    /// The section nearest to this station of the first log, in metres, as the table and the
+    /// pictures have it
     #[arg(long, value_name = "METRES", value_parser = super::number(-1e9, 1e9))]
     station: Option<f64>,
     /// Scalable, in pixels, or both
@@ -88,7 +92,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let drives = read;
     let (first, log) = (&drives[0], &logs[0]);
     let number = match args.station {
-        Some(station) => at_station(first, station).with_context(|| format!("{}: no station known", log.display()))?,
+        Some(station) => at_station(first, station).with_context(|| log.display().to_string())?,
         None => args.scan.unwrap_or_else(|| typical(first)),
     };
     let canvas = Canvas { folder: &args.output, format: args.format, theme: args.theme.into() };
@@ -136,11 +140,23 @@ impl Canvas<'_> {
     }
 }
 
-/// Logs' names without what is common to all of them.
+/// Logs' names without their endings; those of one name with as many of their folders as it takes to tell them apart.
 fn names(logs: &[PathBuf]) -> Vec<String> {
-    let name = |log: &PathBuf| log.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    let short = |name: String| name.trim_end_matches(".mcap").trim_end_matches(".log").to_owned();
-    logs.iter().map(|log| short(name(log))).collect()
+    let name = |log: &Path, folders: usize| {
+        let parts: Vec<_> = log.components().filter(|part| matches!(part, Component::Normal(_))).collect();
+        let shown = &parts[parts.len().saturating_sub(folders + 1)..];
+        let path = shown.iter().collect::<PathBuf>().to_string_lossy().into_owned();
+        path.trim_end_matches(".mcap").trim_end_matches(".log").to_owned()
+    };
+    let mut names: Vec<_> = logs.iter().map(|log| name(log, 0)).collect();
+    for folders in 1..logs.iter().map(|log| log.components().count()).max().unwrap_or_default() {
+        let before = names.clone();
+        let alike = |name: &String| before.iter().filter(|other| *other == name).count() > 1;
+        for (log, shown) in logs.iter().zip(&mut names).filter(|(_, shown)| alike(shown)) {
+            *shown = name(log, folders);
+        }
+    }
+    names
 }
 
 /// The scan in the middle of those that have most to show.
@@ -151,16 +167,25 @@ pub fn typical(drive: &Drive) -> u32 {
     best.get(best.len() / 2).map_or(0, |scan| scan.number)
 }
 
-fn at_station(drive: &Drive, station_m: f64) -> Option<u32> {
+/// The scan nearest to a station.
+fn at_station(drive: &Drive, station_m: f64) -> anyhow::Result<u32> {
+    let (from_m, to_m) = drive.span_m().context("no station known")?;
     let known = drive.scans.iter().filter(|scan| scan.station_m.is_finite());
-    let off = |scan: &&crossfall::drive::Scan| (scan.station_m - station_m).abs();
-    known.min_by(|a, b| off(a).total_cmp(&off(b))).map(|scan| scan.number)
+    let off = |scan: &&Scan| (scan.station_m - station_m).abs();
+    let nearest = known.min_by(|a, b| off(a).total_cmp(&off(b))).filter(|scan| off(scan) <= NEAR_M);
+    let nearest =
+        nearest.with_context(|| format!("station {station_m} m: the drive has {from_m:.0} to {to_m:.0} m"))?;
+    Ok(nearest.number)
 }
 
-/// Draws the stretch that begins at a scan; nothing where no position is known.
+/// Draws the stretch that begins at a scan; nothing where no position is known or the vehicle stood.
 fn view(canvas: &Canvas<'_>, log: &Path, drive: &Drive, number: u32) -> anyhow::Result<Vec<PathBuf>> {
     let station = drive.scans.iter().find(|scan| scan.number == number).map(|scan| scan.station_m);
     let Some(from_m) = station.filter(|station| station.is_finite()) else { return Ok(Vec::new()) };
+    if drive.unit() != Unit::Metres {
+        tell!("{}: the vehicle stood: no view of the road", log.display());
+        return Ok(Vec::new());
+    }
     let stretch = Stretch::read(log, from_m, from_m + VIEW_M)?;
     if stretch.returns.is_empty() {
         tell!("{}: no position at scan {number}, so no view of the cloud", log.display());
@@ -186,34 +211,32 @@ pub type Truth = [Vec<TruthAt>; 4];
 /// Draws the slopes along the road, of several drives by where they were.
 pub fn slopes(canvas: &Canvas<'_>, drives: &[Drive], names: &[String], truth: &Truth) -> anyhow::Result<Vec<PathBuf>> {
     let Some(first) = drives.first() else { return Ok(Vec::new()) };
-    let start = first.span_m().map_or(0.0, |span| span.0);
+    let unit = first.unit();
     let mut series: Vec<Series> = SLOPES
         .iter()
         .zip(truth)
         .map(|(name, truth)| Series { name: (*name).to_owned(), drives: Vec::new(), truth: truth.clone() })
         .collect();
-    let way = (drives.len() > 1).then(|| first.way()).flatten();
+    // Several are drawn by where they were, at the stations of the first.
+    let way = (drives.len() > 1 && unit == Unit::Metres).then(|| first.way()).flatten();
     for (number, drive) in drives.iter().enumerate() {
-        let places: Vec<Option<f64>> = drive
-            .scans
-            .iter()
-            .map(|scan| match (&way, number) {
-                (Some(way), 1..) => way.station_m(scan.place),
-                _ => Some(scan.station_m).filter(|station| station.is_finite()),
-            })
-            .collect();
+        let place = |(i, scan): (usize, &Scan)| match (&way, number) {
+            (Some(way), 1..) => way.station_m(scan.place),
+            _ => drive.at(unit, i),
+        };
+        let places: Vec<Option<f64>> = drive.scans.iter().enumerate().map(place).collect();
         for (slope, series) in series.iter_mut().enumerate() {
             let measured = drive.scans.iter().zip(&places).filter_map(|(scan, place)| {
                 let (value, ci95) = scan.reliable(slope)?;
                 let half = if ci95.is_finite() { ci95 } else { 0.0 };
-                Some(((*place)? - start, value, half))
+                Some(((*place)?, value, half))
             });
             let mut measured: Vec<_> = measured.collect();
             measured.sort_by(|a, b| a.0.total_cmp(&b.0));
             series.drives.push(measured);
         }
     }
-    canvas.write("slopes", &plot::drive(&series, names, "Slopes along the road", canvas.theme)?)
+    canvas.write("slopes", &plot::drive(&series, names, unit, first.least_place(), canvas.theme)?)
 }
 
 /// Draws the returns of all runs nearest to a scan of the first.
@@ -230,14 +253,14 @@ fn runs(
     let place = place.with_context(|| format!("{}: scan {number} has no position", logs[0].display()))?;
     let mut list = vec![(names[0].clone(), found)];
     for ((drive, log), name) in drives.iter().zip(logs).zip(&names).skip(1) {
-        let distance = |scan: &crossfall::drive::Scan| {
+        let distance = |scan: &Scan| {
             let [east, north] = crossfall::geodesy::between(place, scan.place);
             east.hypot(north)
         };
         let known = drive.scans.iter().filter(|scan| scan.place[0].is_finite());
-        let nearest = known.min_by(|a, b| distance(a).total_cmp(&distance(b))).filter(|scan| distance(scan) < 30.0);
+        let nearest = known.min_by(|a, b| distance(a).total_cmp(&distance(b))).filter(|scan| distance(scan) < NEAR_M);
         let Some(nearest) = nearest else {
-            tell!("{}: was not within 30 m of scan {number} of the first log", log.display());
+            tell!("{}: was not within {NEAR_M} m of scan {number} of the first log", log.display());
             continue;
         };
         let of = section::of_scan(log, nearest.number)?;

@@ -13,7 +13,7 @@ use crossfall::dataset::{self, Stopped, Written};
 use crossfall::drive::Drive;
 use crossfall::intervals::{Every, Gather, Interval, MILE_M};
 use crossfall::output::Output;
-use crossfall::profiles::Rows;
+use crossfall::profiles::{Rows, left_out};
 use crossfall::table::{self, Format, Table};
 use crossfall::{fuse, interrupt};
 
@@ -135,7 +135,7 @@ fn fused(args: &Args, first: &Path, second: &Path) -> anyhow::Result<Outcome> {
     for (drive, log) in [(&one, first), (&other, second)] {
         let unreliable = drive.unreliable(side);
         if unreliable > 0 {
-            tell!("{}: {unreliable} sections left out that say themselves unreliable on the {name}", log.display());
+            tell!("{}: {} on the {name}", log.display(), left_out(unreliable, "section"));
         }
     }
     let damage = one.health.damage + other.health.damage;
@@ -189,14 +189,11 @@ fn many(args: &Args, logs: &[PathBuf]) -> anyhow::Result<Outcome> {
 /// Tells what was passed over; true when data was lost.
 fn losses(log: &Path, written: &Written) -> bool {
     if written.unplaced > 0 {
-        tell!("{}: {} rows without a station belong to no stretch and are left out", log.display(), written.unplaced);
+        let rows = if written.unplaced == 1 { "row" } else { "rows" };
+        tell!("{}: left out for want of a station: {} {rows}", log.display(), written.unplaced);
     }
     if written.unreliable > 0 {
-        tell!(
-            "{}: {} rows that say themselves unreliable (doubtful, no_attitude) have no part in their stretches",
-            log.display(),
-            written.unreliable
-        );
+        tell!("{}: {}", log.display(), left_out(written.unreliable, "row"));
     }
     if written.damage > 0 {
         tell!(

@@ -28,7 +28,7 @@ const STATUS: Duration = Duration::from_millis(200);
 #[command(after_help = "\
 Examples:
   crossfall record --device serial:/dev/ttyUSB0 -o drive.log.mcap
-  crossfall record --device serial:/dev/ttyUSB0 --config my.toml -o drive.log.mcap
+  crossfall record -d serial:/dev/ttyUSB0 --config my.toml -o drive.log.mcap
   crossfall record --device tcp:192.168.0.7:4000 -o drive.log.mcap
 
 Ctrl-C ends the recording; a lost connection does not.")]

@@ -18,10 +18,14 @@ use super::{Outcome, say_json, tell};
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
-  crossfall replay drive.mcap --lidar tcp:localhost:4001 --ins tcp:localhost:4002 --pps tcp:localhost:4003
-  crossfall replay drive.mcap --lidar serial:/dev/ttyUSB1@500000 --ins serial:/dev/ttyUSB2@115200
-  crossfall replay drive.mcap --lidar tcp:bench:4001 --ins tcp:bench:4002 --speed 0.5
-  crossfall replay drive.mcap --lidar tcp:bench:4001 --ins tcp:bench:4002 --faults flip=1e-5,seed=7
+  crossfall replay drive.mcap --lidar tcp:localhost:4001 \\
+      --ins tcp:localhost:4002 --pps tcp:localhost:4003
+  crossfall replay drive.mcap --lidar serial:/dev/ttyUSB1@500000 \\
+      --ins serial:/dev/ttyUSB2@115200
+  crossfall replay drive.mcap --lidar tcp:bench:4001 --ins tcp:bench:4002 \\
+      --speed 0.5
+  crossfall replay drive.mcap --lidar tcp:bench:4001 --ins tcp:bench:4002 \\
+      --faults flip=1e-5,seed=7
 
 Record the board's link meanwhile with `crossfall record`. Ctrl-C ends the replay.")]
 pub struct Args {

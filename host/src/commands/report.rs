@@ -18,7 +18,8 @@ use super::{Outcome, distinct, drives, tell};
 #[command(after_help = "\
 Examples:
   crossfall report drive.log.mcap -o drive.html
-  crossfall report drive.log.mcap --title \"I-80 westbound, mile 147 to 161\" -o i80.html
+  crossfall report drive.log.mcap -o i80.html \\
+      --title \"I-80 westbound, mile 147 to 161\"
   crossfall report drive.log.mcap --profiles drive.parquet -o drive.html")]
 pub struct Args {
     /// The log

@@ -30,10 +30,10 @@ Examples:
   crossfall simulate --terrain -o frames
   crossfall risk frames -o maps --csv
   crossfall risk frames -o maps --at 20 --series 5 --live
-  crossfall risk dataset/sequences/00 -o maps          (KITTI: poses from dataset/poses/00.txt)
-  crossfall risk scans -o maps --poses slam.txt        (PCD, LAS or LAZ files, times.txt)
-  crossfall risk puck.pcap -o maps --poses slam.txt    (VLP-16, HDL-32E)
-  crossfall risk drive.log.mcap -o maps                (the road just passed, in UTM)")]
+  crossfall risk dataset/sequences/00 -o maps        (KITTI's folders and poses)
+  crossfall risk scans -o maps --poses slam.txt      (PCD, LAS or LAZ files)
+  crossfall risk puck.pcap -o maps --poses slam.txt  (VLP-16, HDL-32E)
+  crossfall risk drive.log.mcap -o maps              (the road just passed)")]
 pub struct Args {
     /// Folder with velodyne/NNNNNN.bin, or one .pcd, .las or .laz file a frame, and poses.txt; times.txt, calib.txt and
     /// objects.csv are used where there are any. Or a Velodyne's .pcap or .pcapng. Or the log of a drive

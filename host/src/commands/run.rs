@@ -19,7 +19,8 @@ use super::{Outcome, distinct, paths, tell};
 Examples:
   crossfall run drive.mcap -o drive.log.mcap
   crossfall run drive.mcap --config my.toml -o drive.log.mcap
-  crossfall run drive.mcap --faults flip=1e-5,burst=1e-6:200,seed=7 -o faulty.log.mcap")]
+  crossfall run drive.mcap --faults flip=1e-5,burst=1e-6:200,seed=7 \\
+      -o faulty.log.mcap")]
 pub struct Args {
     /// The capture
     capture: PathBuf,

@@ -41,7 +41,7 @@ pub struct Args {
 /// Where recordings go.
 #[derive(clap::Args)]
 pub struct IntoArgs {
-    /// Folder for recordings
+    /// Folder for recordings; made if need be
     #[arg(long, value_name = "FOLDER", default_value = ".")]
     into: PathBuf,
     #[command(flatten)]
@@ -49,11 +49,9 @@ pub struct IntoArgs {
 }
 
 impl IntoArgs {
-    /// The folder, which is there, and how recordings are written to it.
-    pub fn logs(&self) -> anyhow::Result<Logs> {
-        anyhow::ensure!(self.into.is_dir(), "{}: not a folder", self.into.display());
-        let (options, min_free) = (self.logs.options(), self.logs.min_free);
-        Ok(Logs { folder: self.into.clone(), options, min_free })
+    /// The folder, and how recordings are written to it.
+    pub fn logs(&self) -> Logs {
+        Logs { folder: self.into.clone(), options: self.logs.options(), min_free: self.logs.min_free }
     }
 }
 
@@ -110,7 +108,7 @@ fn token(text: &str) -> Result<String, String> {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    let (logs, config) = (args.into.logs()?, args.source.config()?);
+    let (logs, config) = (args.into.logs(), args.source.config()?);
     let token = match (&args.token, args.listen.ip().is_loopback()) {
         (Some(token), _) => Some(token.clone()),
         (None, true) => None,

@@ -18,7 +18,8 @@ use super::{Outcome, distinct, paths, tell, terrain_scene};
 #[command(after_help = "\
 Examples:
   crossfall simulate -o drive.mcap --truth drive.truth.csv
-  crossfall simulate --scene host/scenes/stations.toml --seconds 20 --seed 7 -o drive.mcap
+  crossfall simulate --scene host/scenes/stations.toml --seconds 20 --seed 7 \\
+      -o drive.mcap
   crossfall simulate --terrain --seconds 4 -o frames
   crossfall simulate --print-scene > my.toml")]
 pub struct Args {

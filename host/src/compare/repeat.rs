@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::align::aligned;
 use super::matching::{Course, Placed, pairs, place};
 use super::{Agreement, Drive, Kind, Options};
+use crate::profiles::left_out;
 use crate::way::Way;
 
 /// One drive held against the first.
@@ -185,7 +186,7 @@ fn summed(differences: &Differences, shifts: &[f64]) -> Option<Aligned> {
 
 fn note(name: &str, placed: &Placed, remarks: &mut Vec<String>) {
     if placed.unreliable > 0 {
-        remarks.push(format!("{name}: {} sections left out that say themselves unreliable", placed.unreliable));
+        remarks.push(format!("{name}: {}", left_out(placed.unreliable as u64, "section")));
     }
 }
 

@@ -5,6 +5,7 @@ use crossfall_core::protocol::message::flags;
 
 use super::manual::{Measurement, Place};
 use super::*;
+use crate::profiles::left_out;
 use crate::track::Position;
 
 /// A drive over a road whose slopes are a wave along it; `late_m` is how far its positions are behind.
@@ -93,8 +94,13 @@ fn what_says_itself_unreliable_is_left_out_and_counted() {
     }
     let found = repeat(&drives, &Options::default()).unwrap();
     assert_eq!(found.pairs[0].unreliable, 200);
+    assert!(left_out(1, "row").starts_with("1 row is left out"));
     assert!(found.adjacent.mean_absolute_deg < 0.01);
-    assert!(found.remarks.iter().any(|remark| remark.contains("200 sections left out")), "{:?}", found.remarks);
+    assert!(
+        found.remarks.iter().any(|remark| remark.contains("200 sections are left out as unreliable")),
+        "{:?}",
+        found.remarks
+    );
 }
 
 #[test]

@@ -129,6 +129,17 @@ pub enum Request {
     ApplyRockTest,
 }
 
+impl Request {
+    /// What a viewer wrote. From a [`serde_json::Value`] and not from text: `serde_json` hands fractions of a text to a tagged enum in a form that no `f64`
+    /// takes, wherever a crate of the build enables its `arbitrary_precision`.
+    ///
+    /// # Errors
+    /// When it is none of the requests, or has a field too many or too few.
+    pub fn from_json(value: Value) -> Result<Self, serde_json::Error> {
+        Self::deserialize(value)
+    }
+}
+
 /// A sensor by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]

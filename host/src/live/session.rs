@@ -97,6 +97,14 @@ pub enum Error {
     /// The file cannot be played.
     #[error(transparent)]
     File(#[from] container::Error),
+    /// The folder for recordings is not there and cannot be made.
+    #[error("{}: no folder for recordings: {error}", folder.display())]
+    Folder {
+        /// It.
+        folder: PathBuf,
+        /// Why.
+        error: io::Error,
+    },
     /// A thread cannot be started.
     #[error("cannot start a thread: {0}")]
     Thread(#[from] io::Error),
@@ -104,10 +112,10 @@ pub enum Error {
 
 impl Live {
     /// Connects, or begins to play. A board that is not there yet is waited for. `config` is kept in force on a board; a film is
-    /// surveyed with it. Of `logs` a folder is enough.
+    /// surveyed with it. Of `logs` a folder is enough, which is made if need be.
     ///
     /// # Errors
-    /// When the file can be read as neither capture nor log, or a thread cannot be started.
+    /// When the file can be read as neither capture nor log, the folder cannot be made, or a thread not be started.
     pub fn start(source: &Source, logs: impl Into<Logs>, speed: f64, config: Option<Config>) -> Result<Self, Error> {
         let logs = logs.into();
         let (device, port, controls, kind, name, kept) = match source {
@@ -125,6 +133,7 @@ impl Live {
                 (nowhere, port, Some(controls), kind, path.display().to_string(), None)
             }
         };
+        std::fs::create_dir_all(&logs.folder).map_err(|error| Error::Folder { folder: logs.folder.clone(), error })?;
         let source = SourceState { kind, name, folder: logs.folder.display().to_string() };
         let hub = Arc::new(Hub::default());
         let commands = Arc::new(Commands::default());

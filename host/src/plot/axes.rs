@@ -87,6 +87,44 @@ where
     Ok(())
 }
 
+/// Names in a row of a canvas so wide, each with where it begins and `mark` units of room for its mark: their middles are left out as far as all of them
+/// need, and of more than eight the last stands for the rest.
+pub fn names_in_row(names: &[&str], mark: i32, width: u32) -> Vec<(i32, String)> {
+    const LEFT: i32 = 26;
+    /// Units of a letter at this size, those of a wide face among them, and from a name to the next mark.
+    const LETTER: i32 = 9;
+    const APART: i32 = 20;
+    const MOST: usize = 8;
+    let mut shown: Vec<String> = names.iter().take(MOST).map(|name| (*name).to_owned()).collect();
+    if let (Some(last), true) = (shown.last_mut(), names.len() > MOST) {
+        *last = format!("and {} more", names.len() - MOST + 1);
+    }
+    let letters = (width as i32 - LEFT - shown.len() as i32 * (mark + APART)) / LETTER;
+    let length = |name: &String| name.chars().count();
+    let longest = shown.iter().map(length).max().unwrap_or_default();
+    let fits = |most: &usize| shown.iter().map(|name| length(name).min(*most)).sum::<usize>() as i32 <= letters;
+    let most = (3..=longest).rev().find(fits).unwrap_or(3);
+    let mut x = LEFT;
+    let place = |name: String| {
+        let name = elided(&name, most);
+        let from = x;
+        x += mark + APART + LETTER * length(&name) as i32;
+        (from, name)
+    };
+    shown.into_iter().map(place).collect()
+}
+
+/// A name of at most so many letters: the beginning and the end of a longer one.
+fn elided(name: &str, most: usize) -> String {
+    let letters: Vec<char> = name.chars().collect();
+    if letters.len() <= most {
+        return name.to_owned();
+    }
+    let (before, behind) = (most / 2, most.saturating_sub(1) / 2);
+    let end = &letters[letters.len() - behind..];
+    letters[..before].iter().chain(['\u{2026}'].iter()).chain(end).collect()
+}
+
 /// Axes of a picture across the road, seen from behind: the axis runs from left to right on the paper, the vehicle's y from
 /// right to left. `height` writes what is on the other axis.
 pub fn across_road<'a, DB: DrawingBackend + 'a>(
@@ -183,4 +221,25 @@ pub fn span(values: impl Iterator<Item = f64>, least: f64, room: f64) -> (f64, f
 /// At most so many of a list, evenly spread: a picture does not get clearer by a hundred thousand dots.
 pub fn thinned<T>(items: &[T], most: usize) -> impl Iterator<Item = &T> {
     items.iter().step_by(items.len().div_ceil(most.max(1)).max(1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_end_within_the_canvas() {
+        let long =
+            "a very long name of a survey drive on interstate 80 westbound mile 147 to 161 on a wet monday morning";
+        let row = |names: &[&str]| names_in_row(names, 32, 1_200);
+        assert_eq!(row(&["mon", "tue"]), [(26, "mon".to_owned()), (105, "tue".to_owned())]);
+        for names in [&[long][..], &[long, "mon", long], &[long; 5], &[long; 30]] {
+            let row = row(names);
+            let (x, last) = row.last().unwrap();
+            assert!(x + 32 + 9 * last.chars().count() as i32 <= 1_200, "{row:?}");
+            assert!(row.len() == names.len().min(8) && row.iter().all(|(_, name)| name.chars().count() > 2), "{row:?}");
+        }
+        assert!(row(&[long, "mon", long])[1].1 == "mon", "short names stay");
+        assert_eq!(elided("interstate", 7), "int\u{2026}ate");
+    }
 }

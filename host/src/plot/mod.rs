@@ -3,13 +3,15 @@
 //! The drawing library is known in this folder only. Colours are Okabe and Ito's, which colour-blind readers can tell apart; what
 //! matters is told by shape or label as well.
 
+mod across;
 mod agreement;
 mod axes;
 mod course;
 mod drive;
+mod errors;
 mod layers;
-mod more;
 mod raster;
+mod runs;
 mod section;
 mod variation;
 mod view;
@@ -18,14 +20,16 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::Pos;
 use plotters::style::{RGBColor, TextStyle};
 
+pub use across::{Across, across};
 pub use agreement::{Twice, Words, agreement};
 pub use course::{Course, Courses, courses};
 pub use drive::{Series, TruthAt, drive};
+pub use errors::errors;
 pub use layers::layers;
-pub use more::{errors, runs, variation};
 pub use raster::png;
+pub use runs::runs;
 pub use section::section;
-pub use variation::{Across, across};
+pub use variation::variation;
 pub use view::view;
 
 /// A picture could not be drawn.

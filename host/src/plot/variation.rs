@@ -1,86 +1,63 @@
-//! How much a slope varies within one section, and along a road (the median-slope paper's figure 9).
+//! The slope of small pieces along one section, beside the slopes that its profile gives.
 
-use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::axes::{Axis, Mark, axes, legend, span, thinned, title};
-use super::{Error, Theme};
+use super::axes::{Mark, across_road, legend, span, title as headed};
+use super::{Error, Theme, signed};
+use crate::section::{Part, Section, local_slopes};
 
-const SIZE: (u32, u32) = (1200, 820);
+const SIZE: (u32, u32) = (1200, 580);
 
-/// The slope of a section by the reach of a manual instrument, and of the road by single scans.
-#[derive(Clone, Debug, Default)]
-pub struct Across {
-    /// Lateral distance in metres and true slope of what an inclinometer's length covers, in degrees.
-    pub truth: Vec<(f64, f64)>,
-    /// The same by the scans of one place.
-    pub measured: Vec<(f64, f64)>,
-    /// The same by hand.
-    pub manual: Vec<(f64, f64)>,
-    /// The whole slope by one scan: where it begins and ends, in metres, and its slope.
-    pub whole: Option<(f64, f64, f64)>,
-    /// Metres along the road and slope of single scans, in degrees.
-    pub along: Vec<(f64, f64)>,
-    /// The true slope there.
-    pub along_truth: Vec<(f64, f64)>,
-}
+/// Width of the window in which a slope is taken: a four-foot level, the tool that surveys by hand use.
+pub const LEVEL_M: f64 = 1.22;
 
-/// Draws the variation of a slope across a section and along the road, as SVG.
+/// Draws the slope of small pieces along a section beside the slopes that the profile gives (figure 9a of the median-slope paper).
 ///
 /// # Errors
 /// When the drawing library fails.
-pub fn across(shown: &Across, heading: &str, note: &str, theme: Theme) -> Result<String, Error> {
+pub fn variation(section: &Section, title: &str, theme: Theme) -> Result<String, Error> {
     let mut svg = String::new();
     let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
-    draw(&area, shown, heading, note, theme)?;
-    area.present()?;
-    drop(area);
-    Ok(svg)
-}
-
-fn draw<DB: DrawingBackend>(
-    area: &DrawingArea<DB, Shift>,
-    shown: &Across,
-    heading: &str,
-    note: &str,
-    theme: Theme,
-) -> Result<(), Error>
-where
-    DB::ErrorType: 'static,
-{
     let colours = theme.palette();
-    title(area, &colours, heading, note)?;
+    let note = "lines: what the profile gives, with their 95 % intervals where these are wider than the line";
+    headed(&area, &colours, title, note)?;
     let entries = [
-        (Mark::Line(colours.faint, 5), "truth over 1.22 m"),
-        (Mark::Dot(colours.points), "scanned, over 1.22 m"),
-        (Mark::Ring(colours.opposing), "by hand"),
-        (Mark::Line(colours.adjacent, 3), "the whole slope, by one scan"),
+        (Mark::Line(colours.points, 2), "each piece of 1.22 m (a four-foot level)"),
+        (Mark::Line(colours.road, 3), "road"),
+        (Mark::Line(colours.adjacent, 3), "adjacent slope"),
+        (Mark::Line(colours.opposing, 3), "opposing slope"),
     ];
-    legend(area, &colours, (30, 86), &entries)?;
-    let (upper, lower) = area.margin(100, 8, 12, 30).split_vertically(350);
-    let every = shown.truth.iter().chain(&shown.measured).chain(&shown.manual);
-    let whole = shown.whole.map(|(_, _, slope)| slope);
-    let range = span(every.clone().map(|at| at.1).chain(whole), 0.5, 0.1);
-    let places = span(every.map(|at| at.0), 1.0, 0.03);
-    let (x, y) =
-        (Axis::new(places, "metres from the sensor", 1), Axis::new(range, "slope within one section, \u{b0}", 1));
-    let mut chart = axes(&upper, &colours, &x, &y)?;
-    chart.draw_series(LineSeries::new(shown.truth.iter().copied(), colours.faint.stroke_width(5)))?;
-    if let Some((from, to, slope)) = shown.whole {
-        chart.draw_series([PathElement::new([(from, slope), (to, slope)], colours.adjacent.stroke_width(3))])?;
+    legend(&area, &colours, (30, 86), &entries)?;
+    let lines = section.lines();
+    let outer = lines.iter().map(|line| line.outer.0.abs()).fold(8.0, f64::max);
+    let reach = (outer * 1.08).min(30.0);
+    let local: Vec<_> =
+        local_slopes(&section.levelled, LEVEL_M).into_iter().filter(|one| one.0.abs() <= reach).collect();
+    let (low, high) = span(lines.iter().map(|line| line.slope_deg).chain([0.0]), 4.0, 0.35);
+    let plot = area.margin(108, 16, 20, 30);
+    let mut chart = across_road(&plot, &colours, reach, (low, high), "degrees, rising outward", &|z| {
+        if z.abs() < 1e-9 { "0".to_owned() } else { signed(*z, 0) }
+    })?;
+    // Windows that lie on two surfaces, and the vehicle's own middle, where outward changes sides, break the line.
+    for run in local.chunk_by(|a, b| b.0 - a.0 < 0.25 && (a.0 < 0.0) == (b.0 < 0.0)) {
+        let inside = run.iter().map(|&(y, slope)| (-y, slope.clamp(low, high)));
+        chart.draw_series(LineSeries::new(inside, colours.points.stroke_width(2)))?;
     }
-    chart.draw_series(shown.measured.iter().map(|at| Circle::new(*at, 4, colours.points.filled())))?;
-    chart.draw_series(shown.manual.iter().map(|at| Circle::new(*at, 6, colours.opposing.stroke_width(2))))?;
-
-    let entries = [(Mark::Line(colours.faint, 5), "truth"), (Mark::Dot(colours.points), "one scan each")];
-    legend(area, &colours, (30, 470), &entries)?;
-    let lower = lower.margin(34, 0, 0, 0);
-    let range = span(shown.along.iter().chain(&shown.along_truth).map(|at| at.1), 0.5, 0.06);
-    let places = span(shown.along_truth.iter().map(|at| at.0), 1.0, 0.0);
-    let (x, y) = (Axis::new(places, "metres along the road", 0), Axis::new(range, "adjacent slope, \u{b0}", 1));
-    let mut chart = axes(&lower, &colours, &x, &y)?;
-    let truth: Vec<_> = thinned(&shown.along_truth, 1_000).copied().collect();
-    chart.draw_series(LineSeries::new(truth, colours.faint.stroke_width(5)))?;
-    chart.draw_series(thinned(&shown.along, 1_200).map(|at| Circle::new(*at, 2, colours.points.filled())))?;
-    Ok(())
+    for line in &lines {
+        let colour = match line.part {
+            Part::Road => colours.road,
+            Part::Adjacent => colours.adjacent,
+            Part::Opposing => colours.opposing,
+        };
+        let half = line.ci95_deg.unwrap_or_default();
+        let (from, to) = (-line.inner.0, -line.outer.0);
+        let band =
+            Rectangle::new([(from, line.slope_deg - half), (to, line.slope_deg + half)], colour.mix(0.25).filled());
+        chart.draw_series([band])?;
+        chart
+            .draw_series([PathElement::new([(from, line.slope_deg), (to, line.slope_deg)], colour.stroke_width(3))])?;
+    }
+    area.present()?;
+    drop((area, plot, chart));
+    Ok(svg)
 }

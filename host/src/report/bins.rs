@@ -1,29 +1,10 @@
 //! The drive as a few hundred places along the road.
 
-use crate::drive::Drive;
+use crate::drive::{Drive, Unit};
 use crate::geodesy::Geodetic;
 use crate::intervals::{Estimate, Sample, Samples};
 
 use super::BINS;
-
-/// What is counted along the road.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Unit {
-    /// Metres from the start.
-    Metres,
-    /// Scans from the start, for a drive without stations.
-    Scans,
-}
-
-impl Unit {
-    /// Its name.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Metres => "m",
-            Self::Scans => "scans",
-        }
-    }
-}
 
 /// The places.
 #[derive(Debug)]
@@ -56,15 +37,12 @@ pub struct Bin {
 impl Bins {
     /// Sorts a drive's scans into bins of a round length.
     pub fn of(drive: &Drive) -> Self {
-        let (unit, from, to) = match drive.span_m() {
-            Some((from, to)) if to - from > 1.0 => (Unit::Metres, from, to),
-            _ => (Unit::Scans, 0.0, drive.scans.len() as f64),
-        };
-        let width = round_length((to - from).max(1.0) / BINS as f64);
+        let (unit, (from, to)) = (drive.unit(), drive.extent());
+        let width = round_length(((to - from).max(1.0) / BINS as f64).max(drive.least_place()));
         let mut bins = Self { unit, from, to: to.max(from + 1.0), width, list: Vec::new() };
         let mut open: Option<(i64, Bin, [Samples; 4])> = None;
         for (i, scan) in drive.scans.iter().enumerate() {
-            let Some(at) = bins.place_of(drive, i) else { continue };
+            let Some(at) = drive.at(unit, i) else { continue };
             let number = ((at - from) / width).floor() as i64;
             if open.as_ref().is_none_or(|(open, _, _)| *open != number) {
                 bins.close(open.take());
@@ -87,14 +65,6 @@ impl Bins {
         if let Some((_, mut bin, samples)) = open {
             bin.slopes = samples.map(|samples| samples.estimate());
             self.list.push(bin);
-        }
-    }
-
-    /// Where a scan is along the road.
-    pub fn place_of(&self, drive: &Drive, scan: usize) -> Option<f64> {
-        match self.unit {
-            Unit::Scans => Some(scan as f64),
-            Unit::Metres => drive.scans.get(scan).map(|scan| scan.station_m).filter(|station| station.is_finite()),
         }
     }
 

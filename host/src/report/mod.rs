@@ -42,6 +42,7 @@ pub fn page(drive: &Drive, name: &str) -> String {
             ("style", include_str!("page.css")),
             ("name", &escaped(name)),
             ("subtitle", &tables::subtitle(drive)),
+            ("heading", bins.unit.heading()),
             ("tiles", &tables::tiles(drive)),
             ("map", &map.svg),
             ("strips", &strip::draw(&bins)),
@@ -82,7 +83,7 @@ fn rounded(values: impl Iterator<Item = f64>, decimals: i32) -> Vec<Option<f64>>
 /// A section for the script: whole centimetres are too coarse to look at, so millimetres.
 fn section(drive: &Drive, bins: &Bins, kept: &Kept) -> Option<serde_json::Value> {
     let scan = drive.scans.get(kept.scan)?;
-    let at = bins.place_of(drive, kept.scan)?;
+    let at = drive.at(bins.unit, kept.scan)?;
     let millimetres = |value: f64| (value * 1e3).round() as i64;
     let points = kept.section.levelled.iter().filter(|point| point.0.abs() < 30.0);
     let lines = kept.section.lines().into_iter().map(|line| {

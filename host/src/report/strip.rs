@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::bins::{Bins, Unit, round_length};
+use super::bins::{Bins, round_length};
 use crate::drive::SLOPES;
 
 /// The charts' inner borders on the paper, in its units.
@@ -21,8 +21,9 @@ const RATIOS: [(f64, &str); 2] = [(14.036, "1:4"), (18.435, "1:3")];
 pub fn draw(bins: &Bins) -> String {
     let height = 4.0 * (PANEL + GAP) + 46.0;
     let mut svg = format!(
-        "<svg id=\"strips\" viewBox=\"0 0 {WIDTH} {height:.0}\" role=\"img\" tabindex=\"0\" aria-label=\"Slopes along the road; \
-         the arrow keys move along it\">"
+        "<svg id=\"strips\" viewBox=\"0 0 {WIDTH} {height:.0}\" role=\"img\" tabindex=\"0\" aria-label=\"{}; \
+         the arrow keys move along it\">",
+        bins.unit.heading()
     );
     let span = bins.to - bins.from;
     let x = |at: f64| LEFT + (at - bins.from) / span * (RIGHT - LEFT);
@@ -40,10 +41,7 @@ pub fn draw(bins: &Bins) -> String {
     for (slope, name) in SLOPES.iter().enumerate() {
         panel(&mut svg, bins, slope, name, GAP + slope as f64 * (PANEL + GAP), &x);
     }
-    let axis = match bins.unit {
-        Unit::Metres => "metres along the road",
-        Unit::Scans => "scans (the log has no speed to tell stations from)",
-    };
+    let axis = bins.unit.axis();
     let _ = write!(
         svg,
         "<text class=\"axis\" text-anchor=\"middle\" x=\"{:.0}\" y=\"{:.1}\">{axis}</text>",
@@ -101,6 +99,11 @@ fn panel(svg: &mut String, bins: &Bins, slope: usize, name: &str, top: f64, x: &
     }
     for run in bins.runs(slope) {
         if let [(at, one)] = &*run {
+            // No band can be drawn over one place: its interval and spread are bars.
+            for (class, half) in [("spread", 2.0 * one.sd), ("interval", one.ci95)] {
+                let (low, high) = (y(one.value - half), y(one.value + half));
+                let _ = write!(svg, "<path class=\"{class} whisker {kind}\" d=\"M{:.1} {low:.1}V{high:.1}\"/>", x(*at));
+            }
             let _ =
                 write!(svg, "<circle class=\"dot {kind}\" cx=\"{:.1}\" cy=\"{:.1}\" r=\"1.6\"/>", x(*at), y(one.value));
             continue;

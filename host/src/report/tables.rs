@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::{escaped, strip::thousands};
 use crate::calendar::{Date, unix_of_gps};
-use crate::drive::{Drive, SLOPES};
+use crate::drive::{Drive, SLOPES, Unit};
 use crate::intervals::{MILE_M, Sample, Samples};
 use crate::profiles::degrees;
 
@@ -102,7 +102,13 @@ pub fn miles(drive: &Drive) -> String {
     }
     for (mile, Mile { scans, left_out, slopes }) in (first..).zip(&sorted) {
         let (begin, end) = (mile as f64, (to / MILE_M).min(mile as f64 + 1.0));
-        let _ = write!(html, "<tr><td>{begin:.0}\u{2013}{end:.1}</td><td>{}</td>", thousands(*scans as f64));
+        let miles = match drive.unit() {
+            Unit::Scans { .. } => "the vehicle stood".to_owned(),
+            // The last mile may be a few steps.
+            Unit::Metres if end - begin < 0.05 => format!("{begin:.0}\u{2013}{end:.2}"),
+            Unit::Metres => format!("{begin:.0}\u{2013}{end:.1}"),
+        };
+        let _ = write!(html, "<tr><td>{miles}</td><td>{}</td>", thousands(*scans as f64));
         let _ = write!(html, "<td>{}</td>", thousands(*left_out as f64));
         for (samples, steep) in slopes {
             match samples.estimate() {
@@ -251,6 +257,9 @@ mod tests {
         // A section every five metres from 11 m on: 320 before 1609.344 m.
         let html = miles(&drive((0..420).map(|i| 11.0 + 5.0 * f64::from(i))));
         assert_eq!(rows(&html), [("0\u{2013}1.0", "320"), ("1\u{2013}1.3", "100")]);
+        let html = miles(&drive((0..330).map(|i| 11.0 + 5.0 * f64::from(i))));
+        assert_eq!(rows(&html), [("0\u{2013}1.0", "320"), ("1\u{2013}1.03", "10")]);
+        assert_eq!(rows(&miles(&drive([0.0; 9].into_iter()))), [("the vehicle stood", "9")]);
         let html = miles(&drive((0..10).map(|i| 1_700.0 + f64::from(i))));
         assert_eq!(rows(&html), [("1\u{2013}1.1", "10")]);
     }

@@ -103,7 +103,7 @@ async fn config(State(served): State<Arc<Served>>) -> Response {
 }
 
 async fn command(State(served): State<Arc<Served>>, body: Bytes) -> Response {
-    let wanted: Wanted = match serde_json::from_slice(&body) {
+    let wanted = match serde_json::from_slice(&body).and_then(Wanted::from_json) {
         Ok(wanted) => wanted,
         Err(error) => return told(StatusCode::BAD_REQUEST, &error.to_string()),
     };

@@ -127,7 +127,7 @@ async fn answer(served: &Served, viewer: Viewer, text: &str) -> Value {
         }
         _ => {}
     }
-    let request: Request = match serde_json::from_value(value) {
+    let request = match Request::from_json(value) {
         Ok(request) => request,
         Err(error) => return refuse(&id, &error.to_string()),
     };

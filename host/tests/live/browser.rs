@@ -176,6 +176,42 @@ fn everything_fits_and_can_be_read_by_day_and_by_night() {
     no_complaints(&page);
 }
 
+#[test]
+fn on_a_phone_all_can_be_scrolled_to_and_nothing_lies_on_anything() {
+    let Some(mut page) = page() else { return };
+    let bench = Bench::on_log(1.0);
+    page.screen(390, 844);
+    open(&mut page, &bench);
+    let outside = page.eval(
+        "[...document.querySelectorAll('main canvas, main button, main .figure')].filter((e) => {
+           const r = e.getBoundingClientRect(), card = e.closest('.card').getBoundingClientRect();
+           return r.height < 8 || r.top < card.top || r.bottom > card.bottom || r.left < 0 || r.right > innerWidth; }).map((e) => e.id || e.textContent)",
+    );
+    assert_eq!(outside.as_array().map(Vec::len), Some(0), "beyond their cards: {outside}");
+    let cards = page.eval(
+        "[...document.querySelectorAll('main > .card')].map((e) => e.getBoundingClientRect()).map((r) => [r.top, r.bottom])",
+    );
+    for pair in cards.as_array().unwrap().windows(2) {
+        assert!(pair[0][1].as_f64() <= pair[1][0].as_f64(), "cards lie on each other: {cards}");
+    }
+    page.picture("390x844");
+    no_complaints(&page);
+}
+
+#[test]
+fn a_screen_reader_hears_lamps_that_change_and_no_running_figures() {
+    let Some(mut page) = page() else { return };
+    let bench = Bench::on_board();
+    open(&mut page, &bench);
+    let live = page.eval("[...document.querySelectorAll('output, [aria-live], [role=status]')].filter((e) => !e.closest('dialog')).map((e) => e.id)");
+    assert_eq!(live, serde_json::json!(["lamps-told", "notice"]));
+    let unnamed = page.eval("[...document.querySelectorAll('canvas')].filter((e) => e.getAttribute('role') !== 'img' || !e.ariaLabel).map((e) => e.id)");
+    assert_eq!(unnamed.as_array().map(Vec::len), Some(0), "canvases without a name: {unnamed}");
+    bench.board.as_ref().unwrap().unplug();
+    page.until("document.querySelector('#lamps-told').textContent.includes('Link: red, no connection')");
+    no_complaints(&page);
+}
+
 const CONTRAST: &str = "(() => {
   const style = getComputedStyle(document.documentElement);
   const light = (name) => {

@@ -233,6 +233,20 @@ fn recordings_without_a_frame_end_the_server_with_3() {
 }
 
 #[test]
+fn a_script_winds_and_paces_a_replay_by_fractions() {
+    let bench = Bench::on_log(1.0);
+    for body in [r#"{"do":"pause","paused":true}"#, r#"{"do":"seek","seconds":1.5}"#, r#"{"do":"speed","times":0.5}"#] {
+        let answer = http(bench.address, "POST /api/command HTTP/1.1", &[], body);
+        assert_eq!(answer.status, 200, "{body}: {}", answer.body);
+    }
+    await_that("the replay is there", || {
+        let state = http(bench.address, "GET /api/state HTTP/1.1", &[], "").body;
+        let replay = serde_json::from_str::<Value>(&state).unwrap()["replay"].clone();
+        (replay["position_s"].as_f64().unwrap() - 1.5).abs() < 0.1 && replay["speed"] == json!(0.5)
+    });
+}
+
+#[test]
 fn what_cannot_be_is_refused_in_words() {
     let bench = Bench::on_capture(1.0);
     let mut viewer = Viewer::join(bench.address);
