@@ -204,20 +204,22 @@ pub fn losses(status: &Status) -> BTreeMap<String, u64> {
     lost(counters(status))
 }
 
+/// Counters of a status that tell of lost data.
+pub(crate) const LOSSES: [&str; 10] = [
+    "lidar.bad_frames",
+    "lidar.overruns",
+    "ins.bad_frames",
+    "ins.overruns",
+    "scans_missing",
+    "scans_unreadable",
+    "scans_skipped",
+    "poses_unreadable",
+    "pulses_overrun",
+    "frames_dropped",
+];
+
 /// Of counters by name those that tell of lost data and are not zero.
 pub(crate) fn lost(mut counters: BTreeMap<String, u64>) -> BTreeMap<String, u64> {
-    const LOSSES: [&str; 10] = [
-        "lidar.bad_frames",
-        "lidar.overruns",
-        "ins.bad_frames",
-        "ins.overruns",
-        "scans_missing",
-        "scans_unreadable",
-        "scans_skipped",
-        "poses_unreadable",
-        "pulses_overrun",
-        "frames_dropped",
-    ];
     counters.retain(|name, count| *count > 0 && LOSSES.contains(&name.as_str()));
     counters
 }

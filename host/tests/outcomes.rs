@@ -174,7 +174,7 @@ fn the_work_and_the_verdict_do_not_hang_on_who_reads_stdout() {
     assert!(said.contains("the first drive stood"), "{said}");
     // What does nothing but stream has done enough.
     assert_eq!(unread(at, &["profiles", "cut.mcap"], 0), "");
-    assert_eq!(unread(at, &["messages", "drive.log.mcap"], 0), "");
+    assert_eq!(unread(at, &["messages", "drive.log.mcap"], 0), "drive.log.mcap: the board has said nothing\n");
 }
 
 #[cfg(target_os = "linux")]

@@ -153,7 +153,9 @@ fn faults_on_the_wires_are_counted_and_survived() {
     board::write_log(&board, &path);
     let report = verify::verify(&path, |_| ()).expect("a readable log");
     assert_eq!(report.problems, []);
-    assert_eq!((report.profiles, report.profiles_reproduced), (report.scans, report.scans));
+    // What QEMU held back may come faster than a survey takes: that is announced, scan by scan.
+    let surveyed = report.scans - u64::from(status.scans_skipped);
+    assert_eq!((report.profiles, report.profiles_reproduced), (surveyed, surveyed));
     let methods =
         board.link.collect(|message| if let Message::Profile(profile) = message { Some(profile.method) } else { None });
     assert!(methods.contains(&Method::Measuring) && methods.contains(&Method::Seed));

@@ -5,6 +5,8 @@ use std::time::Instant;
 
 use serde::Serialize;
 
+use crate::info::LOSSES;
+
 /// Faults kept for the viewers.
 const KEPT: usize = 12;
 
@@ -81,21 +83,10 @@ impl Faults {
     }
 }
 
-/// Counters of a status that tell of a loss.
-pub const BOARD: [&str; 12] = [
-    "lidar.bad_frames",
-    "lidar.overruns",
-    "ins.bad_frames",
-    "ins.overruns",
-    "scans_missing",
-    "scans_unreadable",
-    "scans_skipped",
-    "poses_unreadable",
-    "pulses_spurious",
-    "pulses_overrun",
-    "frames_dropped",
-    "commands_rejected",
-];
+/// Counters of a status that an operator is told of: of lost data, and of what goes wrong without a loss.
+pub fn of_the_board() -> impl Iterator<Item = &'static str> {
+    LOSSES.into_iter().chain(["pulses_spurious", "commands_rejected"])
+}
 
 /// A rise of a counter in words, and what to do.
 fn words_of(name: &str, rise: u64) -> Option<(String, &'static str)> {
@@ -165,9 +156,8 @@ mod tests {
 
     #[test]
     fn every_loss_has_words_and_advice() {
-        for name in
-            BOARD.iter().chain(&["link.missing_frames", "link.unknown_gaps", "link.bad_frames", "link.bytes_lost"])
-        {
+        let link = ["link.missing_frames", "link.unknown_gaps", "link.bad_frames", "link.bytes_lost"];
+        for name in of_the_board().chain(link) {
             let (words, advice) = words_of(name, 2).unwrap();
             assert!(words.starts_with("2 ") && advice.ends_with('.'), "{name}: {words} {advice}");
         }

@@ -19,7 +19,7 @@ use crossfall_core::sensors::novatel::Quality;
 
 use super::account::Shared;
 use super::commands::Commands;
-use super::faults::{BOARD, Faults};
+use super::faults::{Faults, of_the_board};
 use super::hub::Hub;
 use super::lamps::{self, Senses};
 use super::player::Controls;
@@ -337,7 +337,7 @@ impl Model {
         let counters = crate::info::counters(status);
         let first = !std::mem::replace(&mut self.status_known, true);
         let now = Some(Instant::now());
-        for name in BOARD {
+        for name in of_the_board() {
             let value = counters.get(name).copied().unwrap_or(0);
             if self.faults.counter(name, value, first) {
                 let line = match name {
