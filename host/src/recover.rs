@@ -208,6 +208,25 @@ struct Hole {
     what: String,
 }
 
+impl Hole {
+    /// One that begins at a place, where so many bytes of the file had given no frame.
+    fn at(file: &Path, offset: u64, unread: u64, what: String) -> Self {
+        Self {
+            file: file.to_path_buf(),
+            offset,
+            until: 0,
+            in_file: false,
+            open_end: false,
+            frames: Some(0),
+            since_ns: None,
+            seconds: None,
+            unread,
+            closed_bytes: 0,
+            what,
+        }
+    }
+}
+
 struct Recovery {
     log: log::Writer,
     report: Report,
@@ -281,19 +300,8 @@ impl Recovery {
             hole.closed_bytes += bytes;
             return;
         }
-        self.hole = Some(Hole {
-            file: file.to_path_buf(),
-            offset: 0,
-            until: 0,
-            in_file: true,
-            open_end: false,
-            frames: Some(0),
-            since_ns: None,
-            seconds: None,
-            unread: 0,
-            closed_bytes: bytes,
-            what: error.what(),
-        });
+        let hole = Hole::at(file, 0, 0, error.what());
+        self.hole = Some(Hole { in_file: true, closed_bytes: bytes, ..hole });
     }
 
     /// What whoever opens the new log must know of it before anything else: which file of a recording it takes the place of, and what is in it.
@@ -316,19 +324,8 @@ impl Recovery {
         let open_end = matches!(error, Damage::Cut { .. });
         let (damaged_to, unread) = reader.damage();
         self.report.open_ends += u64::from(open_end);
-        let hole = self.hole.get_or_insert_with(|| Hole {
-            file: file.to_path_buf(),
-            offset: error.offset().unwrap_or_default(),
-            until: 0,
-            in_file: true,
-            open_end: false,
-            frames: Some(0),
-            since_ns: None,
-            seconds: None,
-            unread,
-            closed_bytes: 0,
-            what: error.what(),
-        });
+        let offset = error.offset().unwrap_or_default();
+        let hole = self.hole.get_or_insert_with(|| Hole::at(file, offset, unread, error.what()));
         hole.until = hole.until.max(damaged_to);
         hole.open_end |= open_end;
         hole.in_file = true;
@@ -399,19 +396,8 @@ impl Recovery {
                 (None, "the board has restarted: what it had not sent is not known".to_owned())
             }
         };
-        let hole = self.hole.get_or_insert_with(|| Hole {
-            file: file.to_path_buf(),
-            offset,
-            until: offset,
-            in_file: false,
-            open_end: false,
-            frames: Some(0),
-            since_ns: None,
-            seconds: None,
-            unread,
-            closed_bytes: 0,
-            what,
-        });
+        let begin = || Hole { until: offset, ..Hole::at(file, offset, unread, what) };
+        let hole = self.hole.get_or_insert_with(begin);
         hole.frames = hole.frames.zip(count).map(|(frames, count)| frames + count);
         hole.since_ns = hole.since_ns.or(before);
         if hole.in_file {

@@ -194,7 +194,7 @@ fn a_terminal_that_closes_leaves_the_monitors_recording_whole() {
     // The shell is hung up, passes that on as shells do, and lives on to tell how the monitor ended.
     let shell = format!(
         "trap 'kill -HUP $p' HUP; stty rows 24 cols 80; '{}' monitor c.mcap --into . < /dev/tty & \
-         p=$!; wait $p; wait $p; echo $? > code",
+         p=$!; echo $p > pid; wait $p; wait $p; echo $? > code",
         env!("CARGO_BIN_EXE_crossfall")
     );
     let mut terminal = Command::new("script")
@@ -223,9 +223,13 @@ fn a_terminal_that_closes_leaves_the_monitors_recording_whole() {
     let code = loop {
         match fs::read_to_string(folder.path().join("code")) {
             Ok(code) if code.ends_with('\n') => break code,
-            _ => assert!(closed.elapsed() < PATIENCE, "it goes on"),
+            _ if closed.elapsed() < PATIENCE => thread::sleep(Duration::from_millis(20)),
+            _ => {
+                let pid = fs::read_to_string(folder.path().join("pid")).unwrap();
+                let _ended = Command::new("kill").args(["-KILL", pid.trim()]).status();
+                panic!("it goes on");
+            }
         }
-        thread::sleep(Duration::from_millis(20));
     };
     assert_eq!(code, "0\n");
     let report = verify::verify(&log().unwrap(), |_| ()).unwrap();

@@ -67,10 +67,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let restored = terminal.show_cursor().and_then(|()| ratatui::try_restore());
     // Where it cannot be restored, its end would complain about that on a stderr that is most likely the same terminal, and panic.
     std::mem::forget(terminal);
-    // A terminal that was closed has asked for the end, and what failed since failed for that.
-    if !crossfall::interrupt::requested() {
-        shown?;
-        restored?;
+    // A terminal that has gone asks for the end as its hang-up does, which may come later or never; what was recorded says how it ended.
+    if !crossfall::interrupt::requested()
+        && let Err(error) = shown.and(restored.map_err(anyhow::Error::from))
+    {
+        tell!("the terminal has gone: {error:#}");
     }
     if let Some(last) = &live.hub().state().last_recording {
         tell!("{}: {:.1} s, {} frames, {} profiles", last.file, last.seconds, last.frames, last.profiles);

@@ -3,7 +3,7 @@
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::axes::{Axis, Mark, axes, legend, span, thinned, title};
+use super::axes::{Axis, Mark, axes, legend, span, svg, thinned, title};
 use super::{Error, Theme};
 
 const SIZE: (u32, u32) = (1200, 820);
@@ -30,12 +30,7 @@ pub struct Across {
 /// # Errors
 /// When the drawing library fails.
 pub fn across(shown: &Across, heading: &str, note: &str, theme: Theme) -> Result<String, Error> {
-    let mut svg = String::new();
-    let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
-    draw(&area, shown, heading, note, theme)?;
-    area.present()?;
-    drop(area);
-    Ok(svg)
+    svg(SIZE, |area| draw(area, shown, heading, note, theme))
 }
 
 fn draw<DB: DrawingBackend>(

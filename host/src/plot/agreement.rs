@@ -3,7 +3,7 @@
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::axes::{Axis, Mark, axes, legend, span, thinned, title};
+use super::axes::{Axis, Mark, axes, legend, span, svg, thinned, title};
 use super::{Error, Theme};
 use crate::compare::manual::Held;
 use crate::compare::{Dot, Kind};
@@ -56,12 +56,7 @@ pub struct Words<'a> {
 /// # Errors
 /// When the drawing library fails.
 pub fn agreement(slopes: &[Twice], words: &Words<'_>, theme: Theme) -> Result<String, Error> {
-    let mut svg = String::new();
-    let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
-    draw(&area, slopes, words, theme)?;
-    area.present()?;
-    drop(area);
-    Ok(svg)
+    svg(SIZE, |area| draw(area, slopes, words, theme))
 }
 
 fn draw<DB: DrawingBackend>(

@@ -46,6 +46,22 @@ pub enum Mark {
     Line(RGBColor, u32),
 }
 
+/// What is drawn on an area of so many pixels, as SVG.
+///
+/// # Errors
+/// When the drawing library fails.
+pub fn svg(
+    size: (u32, u32),
+    draw: impl FnOnce(&DrawingArea<SVGBackend<'_>, Shift>) -> Result<(), Error>,
+) -> Result<String, Error> {
+    let mut svg = String::new();
+    let area = SVGBackend::with_string(&mut svg, size).into_drawing_area();
+    draw(&area)?;
+    area.present()?;
+    drop(area);
+    Ok(svg)
+}
+
 /// The title and a line below it.
 pub fn title<DB: DrawingBackend>(
     area: &DrawingArea<DB, Shift>,

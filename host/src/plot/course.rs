@@ -4,7 +4,7 @@
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::axes::{Axis, Mark, axes, legend, span, thinned, title};
+use super::axes::{Axis, Mark, axes, legend, span, svg, thinned, title};
 use super::{Error, Theme};
 
 const SIZE: (u32, u32) = (1200, 760);
@@ -41,12 +41,7 @@ pub struct Courses<'a> {
 /// # Errors
 /// When the drawing library fails.
 pub fn courses(courses: &Courses<'_>, theme: Theme) -> Result<String, Error> {
-    let mut svg = String::new();
-    let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
-    draw(&area, courses, theme)?;
-    area.present()?;
-    drop(area);
-    Ok(svg)
+    svg(SIZE, |area| draw(area, courses, theme))
 }
 
 fn draw<DB: DrawingBackend>(area: &DrawingArea<DB, Shift>, shown: &Courses<'_>, theme: Theme) -> Result<(), Error>

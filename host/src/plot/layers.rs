@@ -6,7 +6,7 @@
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::axes::{Axis, axes, span, thinned, title};
+use super::axes::{Axis, axes, span, svg, thinned, title};
 use super::{Error, Theme, text};
 use crate::calibrate::Layers;
 use crate::section::Place;
@@ -21,12 +21,7 @@ const MOST_DOTS: usize = 800;
 /// # Errors
 /// When the drawing library fails.
 pub fn layers(layers: &Layers, heading: &str, note: &str, theme: Theme) -> Result<String, Error> {
-    let mut svg = String::new();
-    let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
-    draw(&area, layers, heading, note, theme)?;
-    area.present()?;
-    drop(area);
-    Ok(svg)
+    svg(SIZE, |area| draw(area, layers, heading, note, theme))
 }
 
 fn draw<DB: DrawingBackend>(

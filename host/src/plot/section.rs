@@ -6,7 +6,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::axes::{across_road, title as headed};
+use super::axes::{across_road, svg, title as headed};
 use super::{Error, Palette, Theme, signed, text};
 use crate::section::{Fitted, Part, Place, Section};
 
@@ -17,12 +17,7 @@ const SIZE: (u32, u32) = (1200, 560);
 /// # Errors
 /// When the drawing library fails.
 pub fn section(section: &Section, title: &str, theme: Theme) -> Result<String, Error> {
-    let mut svg = String::new();
-    let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
-    draw(&area, section, title, theme)?;
-    area.present()?;
-    drop(area);
-    Ok(svg)
+    svg(SIZE, |area| draw(area, section, title, theme))
 }
 
 fn draw(area: &DrawingArea<SVGBackend<'_>, Shift>, section: &Section, title: &str, theme: Theme) -> Result<(), Error> {
