@@ -147,6 +147,12 @@ pub(crate) struct Message {
     pub data: Vec<u8>,
 }
 
+/// Bytes of a file, for progress and accounts; 0 where they cannot be told.
+#[must_use]
+pub fn size(path: &Path) -> u64 {
+    fs::metadata(path).map_or(0, |metadata| metadata.len())
+}
+
 /// What a chunk, or a message outside of any, holds.
 #[derive(Debug, Default)]
 pub(crate) struct Contents {

@@ -10,7 +10,6 @@
 //! place of the first of them, with the others still there.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use crossfall_core::protocol::frame::{Event, Gap, HostDecoder, Sequence};
@@ -20,7 +19,7 @@ use serde::Serialize;
 use crate::container::Error as Damage;
 use crate::log::{self, metadata};
 use crate::verify::{self, verify};
-use crate::{config, output};
+use crate::{config, container, output};
 
 /// Losses kept in words; all are counted.
 const KEPT: usize = 1_000;
@@ -284,7 +283,7 @@ impl Recovery {
         self.close(reader.unread());
         let following = files.get(number + 1).map(PathBuf::as_path);
         if let Some(what) = log::torn(&files[0], file, reader.metadata(), following).filter(|_| !self.is_piece) {
-            self.missing_file(file, fs::metadata(file).map_or(0, |metadata| metadata.len()), 0, what);
+            self.missing_file(file, container::size(file), 0, what);
         }
         self.next = reader.metadata().get(metadata::NEXT).cloned();
         Ok(())
@@ -295,7 +294,7 @@ impl Recovery {
         self.next = None;
         self.report.damages += 1;
         self.report.files_missing += 1;
-        let bytes = fs::metadata(file).map_or(0, |metadata| metadata.len());
+        let bytes = container::size(file);
         if let Some(hole) = &mut self.hole {
             hole.closed_bytes += bytes;
             return;

@@ -16,7 +16,7 @@ use crossfall::output::Output;
 use crossfall::profiles::{Row, Rows, write_csv};
 use crossfall::simulate::scene::{Mode, Scene};
 use crossfall::simulate::{self, truth};
-use crossfall::{emulated, info, log, output, report, verify};
+use crossfall::{container, emulated, info, log, output, report, verify};
 use crossfall_core::protocol::Config;
 
 use super::progress::Progress;
@@ -114,7 +114,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     };
     log.finish()?;
 
-    let progress = Progress::new("verify", fs::metadata(&log_path).map_or(0, |metadata| metadata.len()));
+    let progress = Progress::new("verify", container::size(&log_path));
     let report = verify::verify(&log_path, |offset| progress.at(offset))?;
     drop(progress);
     for problem in &report.problems {

@@ -1,9 +1,9 @@
 //! Which files are meant by the logs that a user names: the first file of a recording is the drive.
 
 use std::collections::BTreeSet;
-use std::fs;
 use std::path::{Path, PathBuf};
 
+use crossfall::container;
 use crossfall::log::Parts;
 
 use super::tell;
@@ -40,7 +40,7 @@ pub fn files(log: &Path) -> (Vec<PathBuf>, bool) {
 
 /// Bytes of a drive, in all its files.
 pub fn size(log: &Path) -> u64 {
-    Parts::of(log).map_or_else(|_| fs::metadata(log).map_or(0, |metadata| metadata.len()), |files| files.bytes())
+    Parts::of(log).map_or_else(|_| container::size(log), |files| files.bytes())
 }
 
 fn told(log: &Path, recording: &Parts) {

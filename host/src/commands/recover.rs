@@ -4,9 +4,9 @@
 //! exactly - frames, seconds, bytes, and where - and the exit status is 3 if anything is. A recording of several files, named by its first, becomes
 //! one log; of several that are named, these and no others.
 
-use std::fs;
 use std::path::PathBuf;
 
+use crossfall::container;
 use crossfall::recover::{Loss, Report, recover};
 
 use super::progress::Progress;
@@ -37,7 +37,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     };
     distinct(&paths(&logs), &[&args.output])?;
     tell_growing(&logs, "recovered");
-    let sizes: Vec<u64> = logs.iter().map(|log| fs::metadata(log).map_or(0, |metadata| metadata.len())).collect();
+    let sizes: Vec<u64> = logs.iter().map(|log| container::size(log)).collect();
     let progress = Progress::new("recover", sizes.iter().sum());
     let report = recover(&logs, &args.output, |file, offset| {
         progress.at(sizes[..file].iter().sum::<u64>() + offset);

@@ -4,8 +4,9 @@
 //! pulses of the log itself. What is wrong is told with the number of the frame and the offset in the file. A recording of several files,
 //! named by its first, is verified as the one stream that it is; of several that are named, these and no others.
 
-use std::fs;
 use std::path::PathBuf;
+
+use crossfall::container;
 
 use super::progress::Progress;
 use super::{Outcome, drives, say, say_json, tell, tell_growing};
@@ -33,7 +34,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     };
     let Some((first, others)) = logs.split_first() else { anyhow::bail!("no log to verify") };
     tell_growing(&logs, "verified");
-    let sizes: Vec<u64> = logs.iter().map(|log| fs::metadata(log).map_or(0, |metadata| metadata.len())).collect();
+    let sizes: Vec<u64> = logs.iter().map(|log| container::size(log)).collect();
     let progress = Progress::new("verify", sizes.iter().sum());
     let report = crossfall::verify::verify_all(first, others, |file, offset| {
         progress.at(sizes[..file].iter().sum::<u64>() + offset);

@@ -15,6 +15,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::{Error, Frame, PARTS, Reader, metadata};
+use crate::container;
 
 /// The files of a recording.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -39,7 +40,7 @@ impl Parts {
     /// Their size in bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        self.files.iter().map(|file| fs::metadata(file).map_or(0, |metadata| metadata.len())).sum()
+        self.files.iter().map(|file| container::size(file)).sum()
     }
 
     fn behind(first: &Path, opened: &Reader) -> Self {

@@ -33,16 +33,13 @@ pub fn across(shown: &Across, heading: &str, note: &str, theme: Theme) -> Result
     svg(SIZE, |area| draw(area, shown, heading, note, theme))
 }
 
-fn draw<DB: DrawingBackend>(
-    area: &DrawingArea<DB, Shift>,
+fn draw(
+    area: &DrawingArea<SVGBackend<'_>, Shift>,
     shown: &Across,
     heading: &str,
     note: &str,
     theme: Theme,
-) -> Result<(), Error>
-where
-    DB::ErrorType: 'static,
-{
+) -> Result<(), Error> {
     let colours = theme.palette();
     title(area, &colours, heading, note)?;
     let entries = [

@@ -59,15 +59,12 @@ pub fn agreement(slopes: &[Twice], words: &Words<'_>, theme: Theme) -> Result<St
     svg(SIZE, |area| draw(area, slopes, words, theme))
 }
 
-fn draw<DB: DrawingBackend>(
-    area: &DrawingArea<DB, Shift>,
+fn draw(
+    area: &DrawingArea<SVGBackend<'_>, Shift>,
     slopes: &[Twice],
     words: &Words<'_>,
     theme: Theme,
-) -> Result<(), Error>
-where
-    DB::ErrorType: 'static,
-{
+) -> Result<(), Error> {
     let colours = theme.palette();
     title(area, &colours, words.title, words.note)?;
     let colour = |kind: Kind| if kind == Kind::Adjacent { colours.adjacent } else { colours.opposing };

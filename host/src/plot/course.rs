@@ -44,10 +44,7 @@ pub fn courses(courses: &Courses<'_>, theme: Theme) -> Result<String, Error> {
     svg(SIZE, |area| draw(area, courses, theme))
 }
 
-fn draw<DB: DrawingBackend>(area: &DrawingArea<DB, Shift>, shown: &Courses<'_>, theme: Theme) -> Result<(), Error>
-where
-    DB::ErrorType: 'static,
-{
+fn draw(area: &DrawingArea<SVGBackend<'_>, Shift>, shown: &Courses<'_>, theme: Theme) -> Result<(), Error> {
     let colours = theme.palette();
     title(area, &colours, shown.title, shown.note)?;
     let (from, to) = shown.shown_s;

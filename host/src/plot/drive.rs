@@ -7,7 +7,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::axes::{names_in_row, number, span};
+use super::axes::{names_in_row, number, span, svg};
 use super::{Error, Palette, Theme, text};
 use crate::drive::Unit;
 use crate::intervals::{Estimate, Sample, Samples};
@@ -38,8 +38,17 @@ pub type TruthAt = (f64, f64);
 /// # Errors
 /// When the drawing library fails.
 pub fn drive(series: &[Series], names: &[String], unit: Unit, least: f64, theme: Theme) -> Result<String, Error> {
-    let mut svg = String::new();
-    let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
+    svg(SIZE, |area| draw_all(area, series, names, unit, least, theme))
+}
+
+fn draw_all(
+    area: &DrawingArea<SVGBackend<'_>, Shift>,
+    series: &[Series],
+    names: &[String],
+    unit: Unit,
+    least: f64,
+    theme: Theme,
+) -> Result<(), Error> {
     let colours = theme.palette();
     area.fill(&colours.ground)?;
     area.draw(&Text::new(unit.heading(), (24, 18), text(24, colours.text)))?;
@@ -49,14 +58,12 @@ pub fn drive(series: &[Series], names: &[String], unit: Unit, least: f64, theme:
     let width = ((to - from) / PLACES).max(least);
     let width = if unit == Unit::Metres { width } else { width.ceil() };
     let along = Along { unit, from, to, width };
-    legend(&area, &colours, names, &along, series.iter().any(|series| !series.truth.is_empty()))?;
+    legend(area, &colours, names, &along, series.iter().any(|series| !series.truth.is_empty()))?;
     let panels = area.margin(76, 8, 12, 30).split_evenly((series.len().max(1), 1));
     for (i, (panel, series)) in panels.iter().zip(series).enumerate() {
         draw(panel, series, &colours, &along, i + 1 == panels.len())?;
     }
-    area.present()?;
-    drop((area, panels));
-    Ok(svg)
+    Ok(())
 }
 
 /// The axis that all panels share.

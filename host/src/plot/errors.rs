@@ -1,7 +1,9 @@
 //! Histograms of slopes' errors against a known truth.
 
+use plotters::coord::Shift;
 use plotters::prelude::*;
 
+use super::axes::svg;
 use super::{Error, Theme, signed, text};
 
 const SIZE: (u32, u32) = (1200, 660);
@@ -14,8 +16,15 @@ const BARS: usize = 61;
 /// # Errors
 /// When the drawing library fails.
 pub fn errors(kinds: &[(String, Vec<f64>)], title: &str, theme: Theme) -> Result<String, Error> {
-    let mut svg = String::new();
-    let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
+    svg(SIZE, |area| draw(area, kinds, title, theme))
+}
+
+fn draw(
+    area: &DrawingArea<SVGBackend<'_>, Shift>,
+    kinds: &[(String, Vec<f64>)],
+    title: &str,
+    theme: Theme,
+) -> Result<(), Error> {
     let colours = theme.palette();
     area.fill(&colours.ground)?;
     area.draw(&Text::new(title.to_owned(), (24, 18), text(24, colours.text)))?;
@@ -70,7 +79,5 @@ pub fn errors(kinds: &[(String, Vec<f64>)], title: &str, theme: Theme) -> Result
         let told = format!("{name}: RMS {rms:.3}\u{b0}, mean {}\u{b0}", signed(mean, 3));
         panel.draw(&Text::new(told, (66, 12), text(16, colours.text)))?;
     }
-    area.present()?;
-    drop((area, panels));
-    Ok(svg)
+    Ok(())
 }

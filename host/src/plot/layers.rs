@@ -24,16 +24,13 @@ pub fn layers(layers: &Layers, heading: &str, note: &str, theme: Theme) -> Resul
     svg(SIZE, |area| draw(area, layers, heading, note, theme))
 }
 
-fn draw<DB: DrawingBackend>(
-    area: &DrawingArea<DB, Shift>,
+fn draw(
+    area: &DrawingArea<SVGBackend<'_>, Shift>,
     layers: &Layers,
     heading: &str,
     note: &str,
     theme: Theme,
-) -> Result<(), Error>
-where
-    DB::ErrorType: 'static,
-{
+) -> Result<(), Error> {
     let colours = theme.palette();
     title(area, &colours, heading, note)?;
     let all: [(&str, &[Place], RGBColor); 3] = [

@@ -1,8 +1,9 @@
 //! The levelled returns of several runs at one place over each other.
 
+use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::axes::{across_road, names_in_row, span};
+use super::axes::{across_road, names_in_row, span, svg};
 use super::{Error, Theme, signed, text};
 use crate::section::{Place, Section};
 
@@ -14,8 +15,15 @@ const SIZE: (u32, u32) = (1200, 560);
 /// # Errors
 /// When the drawing library fails.
 pub fn runs(runs: &[(String, Section)], title: &str, theme: Theme) -> Result<String, Error> {
-    let mut svg = String::new();
-    let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
+    svg(SIZE, |area| draw(area, runs, title, theme))
+}
+
+fn draw(
+    area: &DrawingArea<SVGBackend<'_>, Shift>,
+    runs: &[(String, Section)],
+    title: &str,
+    theme: Theme,
+) -> Result<(), Error> {
     let colours = theme.palette();
     area.fill(&colours.ground)?;
     area.draw(&Text::new(title.to_owned(), (24, 18), text(24, colours.text)))?;
@@ -44,9 +52,7 @@ pub fn runs(runs: &[(String, Section)], title: &str, theme: Theme) -> Result<Str
         let (size, style) = mark(run, colour);
         chart.draw_series(inside.map(|&(y, z)| Circle::new((-y, z), size, style)))?;
     }
-    area.present()?;
-    drop((area, plot, chart));
-    Ok(svg)
+    Ok(())
 }
 
 /// Heights from the median of the returns within a metre of straight down.

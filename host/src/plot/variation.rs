@@ -1,8 +1,9 @@
 //! The slope of small pieces along one section, beside the slopes that its profile gives.
 
+use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::axes::{Mark, across_road, legend, span, title as headed};
+use super::axes::{Mark, across_road, legend, span, svg, title as headed};
 use super::{Error, Theme, signed};
 use crate::section::{Part, Section, local_slopes};
 
@@ -16,18 +17,20 @@ pub const LEVEL_M: f64 = 1.22;
 /// # Errors
 /// When the drawing library fails.
 pub fn variation(section: &Section, title: &str, theme: Theme) -> Result<String, Error> {
-    let mut svg = String::new();
-    let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
+    svg(SIZE, |area| draw(area, section, title, theme))
+}
+
+fn draw(area: &DrawingArea<SVGBackend<'_>, Shift>, section: &Section, title: &str, theme: Theme) -> Result<(), Error> {
     let colours = theme.palette();
     let note = "lines: what the profile gives, with their 95 % intervals where these are wider than the line";
-    headed(&area, &colours, title, note)?;
+    headed(area, &colours, title, note)?;
     let entries = [
         (Mark::Line(colours.points, 2), "each piece of 1.22 m (a four-foot level)"),
         (Mark::Line(colours.road, 3), "road"),
         (Mark::Line(colours.adjacent, 3), "adjacent slope"),
         (Mark::Line(colours.opposing, 3), "opposing slope"),
     ];
-    legend(&area, &colours, (30, 86), &entries)?;
+    legend(area, &colours, (30, 86), &entries)?;
     let lines = section.lines();
     let outer = lines.iter().map(|line| line.outer.0.abs()).fold(8.0, f64::max);
     let reach = (outer * 1.08).min(30.0);
@@ -57,7 +60,5 @@ pub fn variation(section: &Section, title: &str, theme: Theme) -> Result<String,
         chart
             .draw_series([PathElement::new([(from, line.slope_deg), (to, line.slope_deg)], colour.stroke_width(3))])?;
     }
-    area.present()?;
-    drop((area, plot, chart));
-    Ok(svg)
+    Ok(())
 }
