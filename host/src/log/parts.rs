@@ -44,88 +44,124 @@ impl Parts {
     }
 
     fn behind(first: &Path, opened: &Reader) -> Self {
-        let mut parts = Self { files: vec![first.to_path_buf()], ..Self::default() };
         if let Some(part) = opened.metadata().get(metadata::PART) {
             let said = |key| part.get(key).map_or("?", String::as_str);
             let (number, before) = (said("number"), said("before"));
-            parts.remarks.push(format!(
-                "{}: is file {number} of a recording and read alone; it follows {before}",
-                first.display()
-            ));
-            return parts;
+            let remark =
+                format!("{}: is file {number} of a recording and read alone; it follows {before}", first.display());
+            return Self { files: vec![first.to_path_buf()], remarks: vec![remark], ..Self::default() };
         }
+        let mut search = Search::from(first, opened);
+        for number in numbers(first) {
+            search.look(number).unwrap_or_else(|why| search.leave(number, &why));
+        }
+        search.finish()
+    }
+}
+
+/// The search for what follows a first file, in the order of the numbers.
+struct Search<'a> {
+    first: &'a Path,
+    opened: &'a Reader,
+    parts: Parts,
+    held: Held,
+    /// The first was recovered from files of another name: those of this name are another drive's.
+    is_renamed: bool,
+    /// Number of the last file that was taken.
+    last: u32,
+    /// Files that do not say what they follow, and whether damage may be the reason.
+    silent: BTreeMap<u32, bool>,
+    /// Files that are not of this recording.
+    left: BTreeSet<u32>,
+}
+
+impl<'a> Search<'a> {
+    fn from(first: &'a Path, opened: &'a Reader) -> Self {
+        let parts = Parts { files: vec![first.to_path_buf()], ..Parts::default() };
         let mut held = Held::default();
         held.note(first, opened);
-        let strange = !held.files.is_empty() && held.by(first).is_none();
-        let (mut last, mut silent, mut passed) = (1, BTreeMap::new(), BTreeSet::new());
-        for number in numbers(first) {
-            let path = part_path(first, number);
-            if let Some(holder) = held.by(&path) {
-                passed.insert(number);
-                parts.leave(&path, &format!("its frames are in {}, which was recovered from it", holder.display()));
-                parts.within.push(path);
-                continue;
-            }
-            if strange {
-                passed.insert(number);
-                parts.leave(&path, "that was recovered from files of another name");
-                continue;
-            }
-            let reader = match Reader::open(&path) {
-                Ok(reader) => reader,
-                // A whole file of another kind says nothing; what cannot be opened at all may have been of this one.
-                Err(error) => {
-                    silent.insert(number, !matches!(error, Error::Content { .. }));
-                    continue;
-                }
-            };
-            let Some(before) = before(&reader) else {
-                silent.insert(number, reader.damage().0 > 0);
-                continue;
-            };
-            let follows = match number_of(first, before) {
-                Some(before) if held.by(&part_path(first, before)).is_some() => last,
-                Some(before) if before >= last && before < number && !passed.contains(&before) => before,
-                _ => {
-                    passed.insert(number);
-                    parts.leave(&path, &format!("it says that it follows {before}"));
-                    continue;
-                }
-            };
-            if opened.begin_ns().zip(reader.begin_ns()).is_some_and(|(first, this)| this < first) {
-                passed.insert(number);
-                parts.leave(&path, "it was recorded earlier");
-                continue;
-            }
-            if follows > last {
-                let between = part_path(first, follows);
-                if silent.remove(&follows).is_none() {
-                    parts.remarks.push(format!("{}: is missing; {} follows it", between.display(), path.display()));
-                }
-                parts.files.push(between);
-            }
-            held.note(&path, &reader);
-            parts.files.push(path);
-            last = number;
-        }
-        for (number, damaged) in silent {
-            let path = part_path(first, number);
-            // Nobody follows it, and what it follows is unreadable. The writer has passed over what others had, and nothing else.
-            let is_next = number > last
-                && (last + 1..number).all(|n| passed.contains(&n) || held.by(&part_path(first, n)).is_some());
-            if damaged && is_next {
-                parts.files.push(path);
-                last = number;
-            } else {
-                passed.insert(number);
-                parts.leave(&path, "it does not say what it follows");
-            }
-        }
-        parts
+        let is_renamed = !held.files.is_empty() && held.by(first).is_none();
+        Self { first, opened, parts, held, is_renamed, last: 1, silent: BTreeMap::new(), left: BTreeSet::new() }
     }
 
-    fn leave(&mut self, path: &Path, why: &str) {
-        self.remarks.push(format!("{}: is not read with {}: {why}", path.display(), self.files[0].display()));
+    /// Takes the file that says that it follows, or the reason why it is left; one that says nothing waits for [`Search::finish`].
+    fn look(&mut self, number: u32) -> Result<(), String> {
+        let path = part_path(self.first, number);
+        if let Some(holder) = self.held.by(&path) {
+            let why = format!("its frames are in {}, which was recovered from it", holder.display());
+            self.parts.within.push(path);
+            return Err(why);
+        }
+        if self.is_renamed {
+            return Err("that was recovered from files of another name".to_owned());
+        }
+        let reader = match Reader::open(&path) {
+            Ok(reader) => reader,
+            // A whole file of another kind says nothing; what cannot be opened at all may have been of this one.
+            Err(error) => {
+                self.silent.insert(number, !matches!(error, Error::Content { .. }));
+                return Ok(());
+            }
+        };
+        let Some(before) = before(&reader) else {
+            self.silent.insert(number, reader.is_damaged());
+            return Ok(());
+        };
+        let follows = self.followed(number, before).ok_or_else(|| format!("it says that it follows {before}"))?;
+        if self.opened.begin_ns().zip(reader.begin_ns()).is_some_and(|(first, this)| this < first) {
+            return Err("it was recorded earlier".to_owned());
+        }
+        if follows > self.last {
+            let between = part_path(self.first, follows);
+            if self.silent.remove(&follows).is_none() {
+                let (missing, path) = (between.display(), path.display());
+                self.parts.remarks.push(format!("{missing}: is missing; {path} follows it"));
+            }
+            self.parts.files.push(between);
+        }
+        self.held.note(&path, &reader);
+        self.take(number);
+        Ok(())
+    }
+
+    /// The number of the file that one follows by its own words: the last that was taken, or a later one that is damaged or gone.
+    fn followed(&self, number: u32, before: &str) -> Option<u32> {
+        let before = number_of(self.first, before)?;
+        if self.is_held(before) {
+            return Some(self.last);
+        }
+        (before >= self.last && before < number && !self.left.contains(&before)).then_some(before)
+    }
+
+    /// Whether a file taken so far has the frames of this one.
+    fn is_held(&self, number: u32) -> bool {
+        self.held.by(&part_path(self.first, number)).is_some()
+    }
+
+    fn take(&mut self, number: u32) {
+        self.parts.files.push(part_path(self.first, number));
+        self.last = number;
+    }
+
+    fn leave(&mut self, number: u32, why: &str) {
+        let (path, first) = (part_path(self.first, number), self.first.display());
+        self.parts.remarks.push(format!("{}: is not read with {first}: {why}", path.display()));
+        self.left.insert(number);
+    }
+
+    /// Takes what is unreadable and comes next. Nobody follows it, and what it follows cannot be read; a writer passes over numbers that others have, and
+    /// over no more.
+    fn finish(mut self) -> Parts {
+        for (number, damaged) in std::mem::take(&mut self.silent) {
+            let is_next = number > self.last
+                && (self.last + 1..number).all(|between| self.left.contains(&between) || self.is_held(between));
+            if damaged && is_next {
+                self.take(number);
+            } else {
+                self.leave(number, "it does not say what it follows");
+            }
+        }
+        self.parts
     }
 }
 

@@ -157,6 +157,12 @@ impl Reader {
         self.unread
     }
 
+    /// Whether damage has been told so far.
+    #[must_use]
+    pub(super) fn is_damaged(&self) -> bool {
+        self.damaged_to > 0
+    }
+
     /// Where the damage ends that was told last (0 before any), and what [`Reader::unread`] was before it. Frames that come before this place were
     /// found within it.
     #[must_use]

@@ -11,22 +11,13 @@ use crossfall_core::protocol::message::Message;
 use crossfall_core::protocol::{Config, DeviceTime};
 use crossfall_core::scan::RawScan;
 
-use super::KEPT;
+use super::Told;
 use super::replay::Replay;
 use crate::stream::Place;
 
 /// Messages of a batch, and batches that may wait.
 const BATCH: usize = 512;
 const WAITING: usize = 8;
-
-/// What the survey said.
-#[derive(Debug, Default)]
-pub struct Told {
-    /// What is wrong and where, at most the first thousand.
-    pub problems: Vec<(Place, String)>,
-    /// How many problems there are.
-    pub count: u64,
-}
 
 /// How many profiles came out the same, could not be recomputed, and could not for no loss; see [`Replay`].
 #[derive(Clone, Copy, Debug)]
@@ -157,12 +148,7 @@ fn survey(receiver: &Receiver<Batch>) -> (Told, Verdict) {
                 What::BeginMidway(config) => replay.begin_midway(config.as_ref()),
                 What::End => problems.extend(replay.finish()),
             }
-            for what in problems.drain(..) {
-                told.count += 1;
-                if told.problems.len() < KEPT {
-                    told.problems.push((place, what));
-                }
-            }
+            told.note(place, problems.drain(..));
         }
     }
     let Replay { reproduced, unverifiable, joined, .. } = replay;
