@@ -9,9 +9,9 @@ use crossfall::capture::{Channel, Chunk};
 use crossfall::verify;
 use crossfall_core::protocol::Config;
 use crossfall_core::protocol::config::Method;
-use crossfall_core::protocol::message::{Command, Message, Outcome, PulseVerdict};
-use crossfall_tests::emulator::{Step, told};
-use crossfall_tests::lms_emulator::Mode;
+use crossfall_core::protocol::message::{Command, Message, Outcome, PulseVerdict, Status};
+use crossfall_tests::emulator::{Emulator, Step, told};
+use crossfall_tests::lms_emulator::{Mode, Scanner};
 use crossfall_tests::recordings;
 
 const SECOND_NS: u64 = 1_000_000_000;
@@ -40,9 +40,35 @@ fn faults_on_the_wires_are_counted_and_survived() {
     let (mut board, mut scanner) = board::running_board();
     let drive = board::half_rate_drive(&folder);
     let begin = drive[0].device_time_ns;
-
-    let (mut flipped, mut noise, mut pulse, mut telegram) = (0, 0, 0, 0);
     let mut steps = vec![board::rest(&drive)];
+    let spoilt = spoil(drive, &mut steps);
+    let commands = Cell::new(None);
+    steps.extend(handling(begin, &commands));
+    steps.sort_by_key(Step::device_time_ns);
+
+    let played = board.play(&mut scanner, steps, |_| ()).expect("a running board");
+    let status = board::stop(&mut board);
+    println!("{played:?}\n{status:?}");
+
+    every_byte_is_accounted_for(&board, &status, &spoilt);
+    commands_are_answered_each_in_its_way(&board, commands.get().expect("sent"));
+    the_absence_of_the_scanner_is_told(&board);
+    nothing_is_missing_and_all_of_it_verifies(&board, &status);
+}
+
+/// What was done to a drive's bytes.
+#[derive(Default)]
+struct Spoilt {
+    flipped: u64,
+    noise_bytes: u64,
+}
+
+/// Flips a bit of every fourth telegram and sends noise before every fifth while [`schedule::NOISE`] lasts; leaves a pulse out, repeats one 0.3 ms later and adds
+/// one in between.
+fn spoil(drive: Vec<Chunk>, steps: &mut Vec<Step<'_>>) -> Spoilt {
+    let begin = drive[0].device_time_ns;
+    let mut spoilt = Spoilt::default();
+    let (mut pulse, mut telegram) = (0, 0);
     for mut chunk in drive {
         let at = chunk.device_time_ns - begin;
         match chunk.channel {
@@ -50,12 +76,11 @@ fn faults_on_the_wires_are_counted_and_survived() {
                 telegram += 1;
                 if telegram % 4 == 0 {
                     chunk.data[200] ^= 0x10;
-                    flipped += 1;
+                    spoilt.flipped += 1;
                 }
                 if telegram % 5 == 0 {
-                    noise += NOISE.len() as u64;
-                    steps.push(Step::Bytes(Chunk { data: [&NOISE, &chunk.data[..]].concat(), ..chunk }));
-                    continue;
+                    spoilt.noise_bytes += NOISE.len() as u64;
+                    chunk.data = [&NOISE, &chunk.data[..]].concat();
                 }
             }
             Channel::Pps => {
@@ -73,60 +98,58 @@ fn faults_on_the_wires_are_counted_and_survived() {
         }
         steps.push(Step::Bytes(chunk));
     }
-    let configured = Cell::new(None);
+    spoilt
+}
+
+/// What is done to board, link and cable, see [`schedule`]. `commands` gets the numbers of the two that are sent: one good, one with a bad configuration.
+fn handling(begin: u64, commands: &Cell<Option<(u16, u16)>>) -> [Step<'_>; 4] {
     let mut seed = Config::default();
     seed.survey.method = Method::Seed;
     let mut refused = seed;
     refused.survey.limits.min_length_um = refused.survey.limits.max_length_um + 1;
-    steps.push(Step::Do(
-        begin + schedule::CONFIGURE,
-        Box::new(|board, _| {
-            let good = board.command(&Command::Configure(seed))?;
-            let bad = board.command(&Command::Configure(refused))?;
-            configured.set(Some((good, bad)));
-            // Half a command, and noise: rejected at the next delimiter.
-            board.link_bytes(&[0x11, 0x22, 0x33, 0x00])
-        }),
-    ));
-    steps.push(Step::Do(
-        begin + schedule::DEAF,
-        Box::new(|board, _| {
-            board.link.pause(Duration::from_secs(3));
+    let plug = |at, silent| {
+        let pull = move |_: &mut Emulator, scanner: &mut Scanner| {
+            scanner.silent = silent;
             Ok(())
-        }),
-    ));
-    steps.push(Step::Do(
-        begin + schedule::PULLED,
-        Box::new(|_, scanner| {
-            scanner.silent = true;
-            Ok(())
-        }),
-    ));
-    steps.push(Step::Do(
-        begin + schedule::RETURNED,
-        Box::new(|_, scanner| {
-            scanner.silent = false;
-            Ok(())
-        }),
-    ));
-    steps.sort_by_key(Step::device_time_ns);
+        };
+        Step::Do(begin + at, Box::new(pull))
+    };
+    [
+        Step::Do(
+            begin + schedule::CONFIGURE,
+            Box::new(move |board, _| {
+                let good = board.command(&Command::Configure(seed))?;
+                let bad = board.command(&Command::Configure(refused))?;
+                commands.set(Some((good, bad)));
+                // Half a command, and noise: rejected at the next delimiter.
+                board.link_bytes(&[0x11, 0x22, 0x33, 0x00])
+            }),
+        ),
+        plug(schedule::PULLED, true),
+        plug(schedule::RETURNED, false),
+        Step::Do(
+            begin + schedule::DEAF,
+            Box::new(|board, _| {
+                board.link.pause(Duration::from_secs(3));
+                Ok(())
+            }),
+        ),
+    ]
+}
 
-    let played = board.play(&mut scanner, steps, |_| ()).expect("a running board");
-    let status = board::stop(&mut board);
-    println!("{played:?}\n{status:?}");
-
-    // Every byte and every telegram is accounted for.
-    assert_eq!(u64::from(status.lidar.bad_frames), flipped);
-    assert!(status.lidar.skipped >= flipped * 732 + noise, "{} skipped", status.lidar.skipped);
+fn every_byte_is_accounted_for(board: &Emulator, status: &Status, spoilt: &Spoilt) {
+    assert_eq!(u64::from(status.lidar.bad_frames), spoilt.flipped);
+    let least = spoilt.flipped * 732 + spoilt.noise_bytes;
+    assert!(status.lidar.skipped >= least, "{} skipped, at least {least} sent", status.lidar.skipped);
     assert_eq!((status.lidar.overruns, status.ins.overruns), (0, 0));
     assert_eq!((status.pulses_spurious, status.pulses_overrun, status.commands_rejected), (2, 0, 1));
     assert_eq!(status.frames_dropped, 0);
     let verdicts =
         board.link.collect(|message| if let Message::Pulse(pulse) = message { Some(pulse.verdict) } else { None });
     assert_eq!(verdicts.iter().filter(|&&verdict| verdict == PulseVerdict::Restarted).count(), 1, "{verdicts:?}");
+}
 
-    // The commands were answered, each in its way.
-    let (good, bad) = configured.get().expect("sent");
+fn commands_are_answered_each_in_its_way(board: &Emulator, (good, bad): (u16, u16)) {
     let outcome = |number| {
         let found = |message: &Message<'_>| match message {
             Message::Reply(reply) if reply.to == number => Some(reply.outcome),
@@ -135,9 +158,10 @@ fn faults_on_the_wires_are_counted_and_survived() {
         board.link.collect(found)
     };
     assert_eq!((outcome(good), outcome(bad)), (vec![Outcome::Done], vec![Outcome::BadConfig]));
+}
 
-    // The scanner's absence is told, and its return.
-    let told = told(&board);
+fn the_absence_of_the_scanner_is_told(board: &Emulator) {
+    let told = told(board);
     println!("{told:#?}");
     assert!(told.iter().any(|(_, text)| text.contains("silent")));
     let stx = board.link.collect(|message| if let Message::Scan(scan) = message { Some(scan.stx) } else { None });
@@ -145,12 +169,14 @@ fn faults_on_the_wires_are_counted_and_survived() {
     println!("longest gap between scans: {gap_us} us");
     // Scans are 53 ms apart. What QEMU still held when the cable was pulled arrives after that, the later the busier the host.
     assert!((1_000_000..4_200_000).contains(&gap_us), "pulled for 2 s and back within 2 s more: {gap_us}");
+}
 
-    // Nothing is missing on the link, although nobody read it for three seconds, and all of it verifies.
+/// Although nobody read the link for three seconds.
+fn nothing_is_missing_and_all_of_it_verifies(board: &Emulator, status: &Status) {
     assert_eq!(board.link.losses(), (0, 0));
     let scratch = tempfile::tempdir().expect("a scratch folder");
     let path = scratch.path().join("board.mcap");
-    board::write_log(&board, &path);
+    board::write_log(board, &path);
     let report = verify::verify(&path, |_| ()).expect("a readable log");
     assert_eq!(report.problems, []);
     // What QEMU held back may come faster than a survey takes: that is announced, scan by scan.
@@ -164,7 +190,7 @@ fn faults_on_the_wires_are_counted_and_survived() {
 #[test]
 fn a_scanner_that_restarts_is_set_up_again() {
     let (mut board, mut scanner) = board::running_board();
-    let scans = |scanner: &mut crossfall_tests::lms_emulator::Scanner, count: usize| -> Vec<u8> {
+    let scans = |scanner: &mut Scanner, count: usize| -> Vec<u8> {
         (0..count).filter_map(|_| scanner.scan(&[8_000; 361])).flat_map(|answer| answer.bytes).collect()
     };
     let telegrams = scans(&mut scanner, 3);
