@@ -96,7 +96,8 @@ impl Drive {
     }
 
     /// The track, for places to be found on; nothing without positions or without a way travelled.
-    fn way(&self) -> Option<Way> {
+    #[must_use]
+    pub fn way(&self) -> Option<Way> {
         let placed = self.rows.iter().filter_map(|row| Some((row.position.geodetic?, row.position.station_m?)));
         Way::through(placed, Reach::LANE)
     }

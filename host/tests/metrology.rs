@@ -115,6 +115,17 @@ fn a_calibration_is_drawn_and_its_configuration_is_taken() {
     assert!(change.abs() < 1e-3, "{change}");
     let (_, err) = ends(at, 1, &["calibrate", "rock.log.mcap", "again.log.mcap"]);
     assert!(err.contains("made with another offset or delay"), "{err}");
+    // One test counts once, and has one direction.
+    fs::copy(at.join("rock.log.mcap"), at.join("copy.log.mcap")).unwrap();
+    let (_, err) = ends(at, 1, &["calibrate", "rock.log.mcap", "copy.log.mcap"]);
+    assert!(err.contains("copy.log.mcap: is the same test as rock.log.mcap"), "{err}");
+    let (_, err) = ends(at, 2, &["calibrate", "rock.log.mcap", "copy.log.mcap", "--cross-slope", "1.2"]);
+    assert!(err.contains("--cross-slope is the slope in one direction"), "{err}");
+    let (twice, err) = ends(at, 0, &["calibrate", "rock.log.mcap", "./rock.log.mcap", "--json"]);
+    assert!(err.contains("./rock.log.mcap: is named more than once, and read once"), "{err}");
+    assert_eq!(json(&twice)["scans"], found["scans"]);
+    let (_, err) = ends(at, 1, &["compare", "rock.log.mcap", "./rock.log.mcap"]);
+    assert!(err.contains("rock.log.mcap: has nothing to be held against"), "{err}");
 }
 
 #[test]

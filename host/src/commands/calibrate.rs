@@ -11,9 +11,10 @@ use anyhow::Context;
 use crossfall::calibrate::{self, Drive, Estimate, Layers, Sample, Surface};
 use crossfall::plot::{self, Courses};
 use crossfall::{config, output};
+use crossfall_core::protocol::message::Pose;
 
 use super::plot::Theme;
-use super::{Outcome, distinct, drives, number, paths, say, say_json, tell};
+use super::{Outcome, distinct, drives, number, paths, say, say_json, tell, usage};
 
 /// Scans whose points are drawn.
 const DRAWN_SCANS: usize = 60;
@@ -30,7 +31,7 @@ pub struct Args {
     /// The log of a rock test or of a drive; several of rock tests on one spot in different directions
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
-    /// The surface's mean slope to the left in degrees, if it is known [default: level if the vehicle is parked]
+    /// The surface's mean slope to the left in degrees, if it is known; of one log [default: level if the vehicle is parked]
     #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = number(-45.0, 45.0))]
     cross_slope: Option<f64>,
     /// Write a configuration with the result, which `crossfall run --config` takes
@@ -53,7 +54,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         distinct(&paths(&args.logs), &[output])?;
     }
     let (mut estimates, mut first, mut damage) = (Vec::new(), None, 0);
+    // A pose of each log, by which a copy of it is known.
+    let mut pivots: Vec<(&PathBuf, Pose)> = Vec::new();
     let logs = drives::of(&args.logs);
+    if args.cross_slope.is_some() && logs.len() > 1 {
+        let what = "--cross-slope is the slope in one direction; of several logs their directions tell the ground's";
+        return Err(usage("calibrate", what));
+    }
     for path in &logs {
         let drive = calibrate::read(path)?;
         let (found, samples) = calibrate::estimate(&drive, surface).with_context(|| path.display().to_string())?;
@@ -64,9 +71,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             path.display()
         );
         let scanner = drive.config.scanner;
+        let twin = pivots.iter().find(|(_, pose)| drive.poses.contains(pose)).map(|(path, _)| *path);
+        pivots.extend(drive.poses.get(drive.poses.len() / 2).map(|pose| (path, *pose)));
         let (old, ..) = first.get_or_insert((drive, samples, found.clone()));
         let same = scanner == old.config.scanner;
         anyhow::ensure!(same, "{}: made with another offset or delay than the first log", path.display());
+        if let Some(twin) = twin {
+            anyhow::bail!("{}: is the same test as {}, and one test counts once", path.display(), twin.display());
+        }
         estimates.push(found);
     }
     let (drive, samples, alone) = first.context("no log")?;

@@ -163,10 +163,23 @@ fn drives(args: &Args) -> anyhow::Result<Outcome> {
     let measurements = args.manual.as_deref().map(manual::read).transpose()?;
     let logs = drives::of(&args.files);
     let drives = logs.iter().map(|path| Drive::read(path)).collect::<Result<Vec<_>, _>>()?;
+    let [first, others @ ..] = &drives[..] else { anyhow::bail!("no log") };
+    anyhow::ensure!(
+        !others.is_empty() || measurements.is_some(),
+        "{}: has nothing to be held against: name another log, or --manual",
+        first.name
+    );
     let repeated = repeat(&drives, &options);
+    let way = first.way();
+    let by_station = measurements.iter().flatten().any(|one| matches!(one.place, manual::Place::Station(_)));
+    anyhow::ensure!(
+        way.is_some() || others.is_empty() || !by_station,
+        "stations are those of the first drive, and nothing places the others on it: {} stood, or has no positions",
+        first.name
+    );
     let by_hand: Vec<Manual> = measurements
         .iter()
-        .flat_map(|list| drives.iter().map(|drive| manual::hold(drive, list, &options, args.magnitudes)))
+        .flat_map(|list| drives.iter().map(|drive| manual::hold(drive, way.as_ref(), list, &options, args.magnitudes)))
         .collect();
     if args.json {
         say_json(&serde_json::json!({ "repeat": repeated, "manual": by_hand }))?;
@@ -190,7 +203,10 @@ fn drives(args: &Args) -> anyhow::Result<Outcome> {
             draw_manual(&by_hand, &picture(folder, "manual.svg")?, args.theme.into())?;
         }
     }
-    for held in by_hand.iter().filter(|held| held.unmatched > 0) {
+    for held in by_hand.iter().filter(|held| held.other_way) {
+        tell!("{}: goes the other way along the road, where left is right: nothing of it is held", held.drive);
+    }
+    for held in by_hand.iter().filter(|held| held.unmatched > 0 && !held.other_way) {
         tell!("{}: {} measurements by hand have no slope within {} m", held.drive, held.unmatched, args.within);
     }
     let unmatched = repeated.as_ref().is_some_and(|repeated| repeated.all.matched == 0);

@@ -8,16 +8,18 @@ use crossfall::log::Parts;
 
 use super::tell;
 
-/// The drives that are named. A file that belongs to another one of them is read with that and not once more. Tells how many files a drive has, and
+/// The drives that are named, each once. A file that belongs to another one of them is read with that and not once more. Tells how many files a drive has, and
 /// what is missing or left out.
 pub fn of(named: &[PathBuf]) -> Vec<PathBuf> {
     // What is no log is found out by whoever reads it.
     let recordings: Vec<Parts> = named.iter().map(|log| Parts::of(log).unwrap_or_default()).collect();
     let others = |recording: &Parts| [&recording.files[1.min(recording.files.len())..], &recording.within].concat();
     let followers: BTreeSet<PathBuf> = recordings.iter().flat_map(others).map(|file| real(&file)).collect();
-    let mut drives = Vec::new();
+    let (mut drives, mut seen) = (Vec::new(), BTreeSet::new());
     for (log, recording) in named.iter().zip(&recordings) {
-        if !followers.contains(&real(log)) {
+        if !seen.insert(real(log)) {
+            tell!("{}: is named more than once, and read once", log.display());
+        } else if !followers.contains(&real(log)) {
             told(log, recording);
             drives.push(log.clone());
         }

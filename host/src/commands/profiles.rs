@@ -259,11 +259,11 @@ fn as_json(mile: &Interval) -> serde_json::Value {
     })
 }
 
-/// One line a mile and side: as many data points as there are slopes, and what they say.
+/// One line a mile and side: what its slopes are, and in how many scans they were found.
 fn as_text(miles: &[Interval]) -> String {
     let mut text = format!(
         "{:>5} {:<6}{:>8}{:>10}{:>20}{:>7}{:>9}{:>20}{:>7}{:>9}",
-        "mile", "side", "scans", "left out", "adjacent", "sd", "points", "opposing", "sd", "points"
+        "mile", "side", "scans", "left out", "adjacent", "sd", "found", "opposing", "sd", "found"
     );
     for mile in miles {
         let side = if mile.left { "left" } else { "right" };

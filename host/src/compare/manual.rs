@@ -1,7 +1,7 @@
 //! Measurements by hand: a table of slopes at places of a road, and what a drive has there (the median-slope paper's figure 7a).
 //!
 //! Columns by name, in any order, others are passed over: `side` (left, right), `slope` (adjacent, opposing), `slope_deg`, and the place as
-//! `station_m` on the drive or as `latitude_deg` and `longitude_deg`. Slopes are signed as everywhere (positive = rising away from
+//! `station_m` on the first drive or as `latitude_deg` and `longitude_deg`. Slopes are signed as everywhere (positive = rising away from
 //! the vehicle) unless magnitudes are compared. The drive's slope at a place is the median of the scans around it.
 
 use std::path::{Path, PathBuf};
@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::matching::{median, place};
 use super::{Agreement, Drive, Kind, Options};
+use crate::way::Way;
 
 /// One measurement by hand.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,7 +28,7 @@ pub struct Measurement {
 /// Where a measurement was taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Place {
-    /// Along the drive, in metres.
+    /// Along the first drive, in metres.
     Station(f64),
     /// Latitude and longitude, in degrees.
     Geodetic(f64, f64),
@@ -59,7 +60,7 @@ pub enum Error {
 /// A measurement and what the drive has there.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Held {
-    /// Place along the drive.
+    /// Place along the first drive.
     pub station_m: f64,
     /// On the left.
     pub left: bool,
@@ -90,6 +91,8 @@ pub struct Manual {
     pub unmatched: usize,
     /// Rows of the drive that were left out because they say themselves unreliable.
     pub unreliable: usize,
+    /// The drive goes the other way than the first, where left is right and what is adjacent there is opposing here: nothing of it is held.
+    pub other_way: bool,
 }
 
 /// Reads a table of measurements.
@@ -142,23 +145,28 @@ pub fn read(path: &Path) -> Result<Vec<Measurement>, Error> {
     Ok(measurements)
 }
 
-/// Holds a drive against measurements. With `magnitudes` both lose their sign first.
+/// Holds a drive against measurements. Stations are those of `way`, which is the first drive's; without one they are the drive's own. With `magnitudes` both
+/// lose their sign first.
 #[must_use]
-pub fn hold(drive: &Drive, measurements: &[Measurement], options: &Options, magnitudes: bool) -> Manual {
-    let way = drive.way();
+pub fn hold(
+    drive: &Drive,
+    way: Option<&Way>,
+    measurements: &[Measurement],
+    options: &Options,
+    magnitudes: bool,
+) -> Manual {
     let single = Options { over_m: None, ..*options };
-    let placed = place(&drive.rows, way.as_ref(), &single);
+    let placed = place(&drive.rows, way, &single);
     let sized = |slope: f64| if magnitudes { slope.abs() } else { slope };
     let mut held = Vec::new();
     let mut unmatched = 0;
     for measurement in measurements {
         let station_m = match measurement.place {
             Place::Station(station_m) => Some(station_m),
-            Place::Geodetic(latitude, longitude) => {
-                way.as_ref().and_then(|way| way.station_m([latitude, longitude, 0.0]))
-            }
+            Place::Geodetic(latitude, longitude) => way.and_then(|way| way.station_m([latitude, longitude, 0.0])),
         };
-        let course = placed.courses.iter().find(|c| c.left == measurement.left && c.kind == measurement.kind);
+        let courses = if placed.forward { &placed.courses[..] } else { &[] };
+        let course = courses.iter().find(|c| c.left == measurement.left && c.kind == measurement.kind);
         let around: Vec<f64> = course
             .zip(station_m)
             .map(|(course, at)| {
@@ -191,6 +199,7 @@ pub fn hold(drive: &Drive, measurements: &[Measurement], options: &Options, magn
         all: of(&|_| true),
         unmatched,
         unreliable: placed.unreliable,
+        other_way: !placed.forward,
         held,
     }
 }

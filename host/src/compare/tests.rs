@@ -145,13 +145,31 @@ fn measurements_by_hand_find_their_place() {
         at(Place::Geodetic(latitude, longitude), Kind::Opposing, 7.2),
         at(Place::Station(5_000.0), Kind::Adjacent, -8.0),
     ];
-    let held = manual::hold(&drive, &list, &Options::default(), false);
+    let held = manual::hold(&drive, drive.way().as_ref(), &list, &Options::default(), false);
     assert_eq!((held.all.matched, held.unmatched), (2, 1));
     assert!((held.adjacent.mean_deg - 0.3).abs() < 0.05, "{:?}", held.adjacent);
     assert!((held.held[1].station_m - 240.0).abs() < 0.01);
     let unsigned = [at(Place::Station(240.0), Kind::Adjacent, 8.3)];
-    let held = manual::hold(&drive, &unsigned, &Options::default(), true);
+    let held = manual::hold(&drive, None, &unsigned, &Options::default(), true);
     assert!((held.adjacent.mean_absolute_deg - 0.3).abs() < 0.05);
+}
+
+#[test]
+fn stations_of_a_table_are_the_first_drives_whichever_drive_is_held() {
+    let (first, later) = (drive("first", 0.0, 0.0, 0.0), drive("later", 150.0, 0.0, 0.0));
+    // The slope at 310 m of the first drive, which is 160 m of the later one, where the wave has its other sign.
+    let slope_deg = -8.0 + (310.0 * 2.0 * PI / 40.0).sin();
+    let list = [Measurement { place: Place::Station(310.0), left: true, kind: Kind::Adjacent, slope_deg }];
+    let way = first.way();
+    for drive in [&first, &later] {
+        let held = manual::hold(drive, way.as_ref(), &list, &Options::default(), false);
+        assert!(held.adjacent.mean_absolute_deg < 0.05, "{}: {:?}", drive.name, held.adjacent);
+    }
+    // Driven the other way, left is right.
+    let mut back = later.clone();
+    back.rows.reverse();
+    let held = manual::hold(&back, way.as_ref(), &list, &Options::default(), false);
+    assert!(held.other_way && held.held.is_empty() && held.unmatched == 1, "{held:?}");
 }
 
 #[test]

@@ -79,7 +79,7 @@ pub fn run(bench: &Bench, report: &mut Report) -> Result<(), Error> {
         let mut held = Vec::new();
         for method in BOTH_METHODS {
             let drive = bench.profiles("boards", &captured, method)?;
-            held.push(manual::hold(&drive, &by_hand, &options, false));
+            held.push(manual::hold(&drive, drive.way().as_ref(), &by_hand, &options, false));
         }
         let [measuring, searched] = &held[..] else { return Ok(()) };
         // A board is the median of the scans that meet it; the unit's error lasts from one to the next.

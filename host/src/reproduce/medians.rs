@@ -74,7 +74,7 @@ pub fn run(bench: &Bench, report: &mut Report) -> Result<(), Error> {
         let (mut held, mut judged) = (Vec::new(), Vec::new());
         for method in BOTH_METHODS {
             let drive = bench.profiles("medians", &captured, method)?;
-            held.push(manual::hold(&drive, &list, &options, false));
+            held.push(manual::hold(&drive, drive.way().as_ref(), &list, &options, false));
             judged.push(Judged::of(&drive, truth, &surface));
         }
         let sigma_m = range_noise_mm * 1e-3;

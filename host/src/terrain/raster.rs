@@ -7,7 +7,7 @@
 use std::collections::BTreeSet;
 use std::io;
 
-use crossfall_core::terrain::{Cell, Class, TILE_SIDE, TileKey};
+use crossfall_core::terrain::{Cell, Class, SLOW, TILE_SIDE, TileKey};
 
 use super::behind::around;
 use super::mapper::Mapper;
@@ -229,7 +229,8 @@ fn read(mapper: &Mapper<'_>, cell: &Cell) -> Option<RasterCell> {
             measured: true,
             cell: *cell,
         }),
-        _ if cell.risk > 0 || cell.class != Class::Free => {
+        // Where a step runs between two lines of points, the map is to show it; plain ground that nobody measured it leaves open.
+        _ if cell.risk >= SLOW || cell.class == Class::Tall => {
             Some(RasterCell { elevation_m: f64::NAN, sigma_m: f64::NAN, measured: false, cell: *cell })
         }
         _ => None,
