@@ -14,9 +14,10 @@ use crossfall_core::sensors::novatel::Quality;
 use crate::container::Error;
 use crate::geodesy::Geodetic;
 use crate::interrupt;
-use crate::profiles::{Row, SlopeRow, UNRELIABLE, degrees, host_flags, sides};
+use crate::profiles::{Row, SlopeRow, UNRELIABLE, host_flags, sides};
 use crate::section::Section;
 use crate::totals::Totals;
+use crate::units::{degrees, drift_ppm};
 use crate::walk::Walk;
 use crate::way::{Reach, Way};
 
@@ -195,7 +196,7 @@ impl Drive {
                 PulseVerdict::Spurious => health.pulses_spurious += 1,
                 PulseVerdict::Accepted | PulseVerdict::Restarted => health.pulses += 1,
             },
-            Message::Clock(clock) => health.drift_ppm = Some(f64::from(clock.drift) / 4_294.967_296),
+            Message::Clock(clock) => health.drift_ppm = Some(drift_ppm(clock)),
             _ => {}
         }
     }

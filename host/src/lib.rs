@@ -114,6 +114,7 @@ pub mod terrain;
 pub mod toml_file;
 pub mod totals;
 pub mod track;
+pub mod units;
 pub mod verify;
 pub mod walk;
 pub mod way;

@@ -10,12 +10,13 @@ use std::process::{Child, Command, Output, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crossfall::config::{angle_of, to_toml};
+use crossfall::config::to_toml;
 use crossfall::live::film::Film;
 use crossfall::live::player::Player;
 use crossfall::record::{Device, Notice, Outbox, Port, Summary, Unconfigured, converse};
 use crossfall::simulate::{self, scene::Scene};
 use crossfall::stream::{Item, Stream};
+use crossfall::units::angle_of;
 use crossfall::{capture, log, verify};
 use crossfall_core::protocol::frame::{BoardDecoder, Event, MAX_MESSAGE_FRAME, Sequencer};
 use crossfall_core::protocol::message::{self, Hello, Message, Outcome, Reply, Status};

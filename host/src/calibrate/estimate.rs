@@ -6,7 +6,7 @@ use super::ground::{Ground, Residual};
 use super::statistics::HighPass;
 use super::{Drive, Estimate, LEAST_SCANS, Refusal, Sample, Surface, drift, statistics};
 use crate::interrupt;
-use crate::profiles::degrees;
+use crate::units::degrees;
 
 /// The delay is refused when its standard error is above this: at ten degrees a second it is worth 0.005 degrees, a third of the unit's own error.
 const MAX_DELAY_SE_US: f64 = 500.0;

@@ -14,7 +14,7 @@ use crossfall_core::scan::{self, Points, RawScan};
 
 use super::{Drive, Sample};
 use crate::interrupt;
-use crate::profiles::degrees;
+use crate::units::{degrees, place};
 
 /// Points this far to either side belong to the ground under the sensor, in metres.
 pub const REACH_M: f64 = 3.0;
@@ -173,7 +173,7 @@ impl<'a> Ground<'a> {
     fn section(&self, scan: &RawScan, roll: &ScanRoll, delay_us: i32, points: &mut Points) -> Vec<(f64, f64)> {
         let scanner = config::Scanner { delay_us, ..self.drive.config.scanner };
         scan::level(scan, &roll.track, &scanner, points);
-        points.iter().map(|echo| (f64::from(echo.point.y_um) * 1e-6, f64::from(echo.point.z_um) * 1e-6)).collect()
+        points.iter().map(place).collect()
     }
 
     /// Poses around a scan as the core's history would hold them: a few before it and more than it lasts.

@@ -14,8 +14,8 @@ use serde::Serialize;
 use crate::calibrate::statistics::{HighPass, Residual, regress};
 use crate::capture::{Channel, Reader};
 use crate::container::Error;
-use crate::profiles::degrees;
 use crate::track::{Order, Sequence};
+use crate::units::degrees;
 
 /// Poses further apart than this are not interpolated between, in microseconds.
 const LONGEST_GAP_US: i64 = 110_000;
@@ -241,7 +241,7 @@ mod tests {
     use crossfall_core::protocol::Angle;
 
     fn pose(ms: u64, status: u8) -> Pose {
-        let roll = if status == 1 { Angle::ZERO } else { crate::config::angle_of(1.5) };
+        let roll = if status == 1 { Angle::ZERO } else { crate::units::angle_of(1.5) };
         Pose {
             time: DeviceTime(ms * 1_000),
             latency_us: 0,

@@ -67,7 +67,7 @@ impl Gathering {
             self.last_roll = None;
             return;
         }
-        let now = (pose.time.0 as f64 * 1e-6, crate::profiles::degrees(pose.roll));
+        let now = (pose.time.0 as f64 * 1e-6, crate::units::degrees(pose.roll));
         if let Some((time, roll)) = self.last_roll.replace(now)
             && now.0 > time
         {

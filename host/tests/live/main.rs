@@ -17,7 +17,7 @@ use bench::{Bench, Viewer, await_that, http, marker_labels};
 use crossfall::live::{Live, Phase, Source};
 use crossfall::serve::Access;
 use crossfall::simulate::scene::Scene;
-use crossfall::{config, verify};
+use crossfall::{config, units, verify};
 use crossfall_core::protocol::Config;
 use serde_json::{Value, json};
 
@@ -397,7 +397,7 @@ fn a_board_that_restarts_is_told_again_what_the_page_has_put_in_force() {
 #[test]
 fn a_board_is_given_its_configuration_when_it_is_plugged_in_and_when_it_restarts() {
     let mut config = Config::default();
-    config.scanner.mounting_offset = config::angle_of(0.8);
+    config.scanner.mounting_offset = units::angle_of(0.8);
     let bench = Bench::on_absent_board_with(Some(config));
     let mut viewer = Viewer::join(bench.address);
     viewer.until_state(|state| state["lamps"]["link"]["light"] == "bad");
