@@ -14,6 +14,7 @@ use serde::Serialize;
 use crate::calibrate::statistics::{HighPass, Residual, regress};
 use crate::capture::{Channel, Reader};
 use crate::container::Error;
+use crate::geodesy::turned_deg;
 use crate::track::{Order, Sequence};
 use crate::units::degrees;
 
@@ -165,16 +166,16 @@ fn hold(first: &Unit, second: &Unit) -> Comparison {
         let Some(other_roll) = at(others, pose.time, |pose| degrees(pose.roll)) else { continue };
         let Some(other_pitch) = at(others, pose.time, |pose| degrees(pose.pitch)) else { continue };
         let own_roll = degrees(pose.roll);
-        roll.push(wrapped(other_roll - own_roll));
-        pitch.push(wrapped(other_pitch - degrees(pose.pitch)));
+        roll.push(turned_deg(own_roll, other_roll));
+        pitch.push(turned_deg(degrees(pose.pitch), other_pitch));
         let seconds = seconds(pose) - start;
-        samples.push(Sample { seconds, first_deg: own_roll, second_deg: own_roll + wrapped(other_roll - own_roll) });
+        samples.push(Sample { seconds, first_deg: own_roll, second_deg: own_roll + turned_deg(own_roll, other_roll) });
         // What a later second unit does to the difference: minus the roll rate for every microsecond.
         let neighbours = i.checked_sub(1).and_then(|before| Some((own.get(before)?, own.get(i + 1)?)));
         if let Some((before, after)) = neighbours {
             let step_us = after.time.since(before.time) as f64;
-            let rate_deg_us = wrapped(degrees(after.roll) - degrees(before.roll)) / step_us;
-            let slope_deg = wrapped(other_roll - own_roll);
+            let rate_deg_us = turned_deg(degrees(before.roll), degrees(after.roll)) / step_us;
+            let slope_deg = turned_deg(own_roll, other_roll);
             residuals.push(Residual { seconds, slope_deg, rate_deg_us, ..Residual::default() });
         }
     }
@@ -218,7 +219,7 @@ fn at(poses: &[Pose], time: DeviceTime, angle: fn(&Pose) -> f64) -> Option<f64> 
         return None;
     }
     let nodes: Vec<(f64, f64)> =
-        around.iter().map(|pose| (pose.time.since(time) as f64, wrapped(angle(pose) - angle(&around[1])))).collect();
+        around.iter().map(|pose| (pose.time.since(time) as f64, turned_deg(angle(&around[1]), angle(pose)))).collect();
     let sum: f64 = nodes
         .iter()
         .enumerate()
@@ -228,11 +229,6 @@ fn at(poses: &[Pose], time: DeviceTime, angle: fn(&Pose) -> f64) -> Option<f64> 
         })
         .sum();
     Some(angle(&around[1]) + sum)
-}
-
-/// A difference of angles, from -180 to 180 degrees.
-fn wrapped(difference_deg: f64) -> f64 {
-    (difference_deg + 180.0).rem_euclid(360.0) - 180.0
 }
 
 #[cfg(test)]
