@@ -108,6 +108,7 @@ pub mod scanner;
 pub mod section;
 pub mod serve;
 pub mod simulate;
+pub mod statistics;
 pub mod stream;
 pub mod table;
 pub mod terrain;

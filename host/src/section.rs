@@ -6,7 +6,7 @@ use crossfall_core::protocol::message::{Message, Profile, Side, Slope};
 
 use crate::container::Error;
 use crate::interrupt;
-use crate::intervals::median;
+use crate::statistics::median;
 use crate::units::{degrees, metres};
 use crate::walk::Walk;
 

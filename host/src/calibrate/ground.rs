@@ -14,6 +14,7 @@ use crossfall_core::scan::{self, Points, RawScan};
 
 use super::{Drive, Sample};
 use crate::interrupt;
+use crate::statistics::upper_median;
 use crate::units::{degrees, place};
 
 /// Points this far to either side belong to the ground under the sensor, in metres.
@@ -96,8 +97,7 @@ impl<'a> Ground<'a> {
         }
         heights.map(|strips| {
             let even = |mut strip: Vec<f64>| {
-                let middle = strip.len() / 2;
-                strip.len() >= STRIP_POINTS && strip.select_nth_unstable_by(middle, f64::total_cmp).1.abs() <= EVEN_M
+                strip.len() >= STRIP_POINTS && upper_median(&mut strip).is_some_and(|off| off.abs() <= EVEN_M)
             };
             let more = strips.into_iter().skip(first).map(even).take_while(|even| *even).count();
             (first + more) as f64 * STRIP_M
@@ -214,9 +214,7 @@ fn robust_line(points: &[(f64, f64)]) -> Option<Line> {
         let size =
             |((y, z), precision): (&(f64, f64), &f64)| (z - line.height - line.slope * y).abs() * precision.sqrt();
         let mut sizes: Vec<f64> = points.iter().zip(&precisions).map(size).collect();
-        let middle = sizes.len() / 2;
-        let (_, median, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
-        let scale = (4.685 * 1.4826 * *median).max(1e-4);
+        let scale = (4.685 * 1.4826 * upper_median(&mut sizes)?).max(1e-4);
         for ((weight, precision), point) in weights.iter_mut().zip(&precisions).zip(points) {
             let u = size((point, precision)) / scale;
             *weight = if u < 1.0 { precision * (1.0 - u * u) * (1.0 - u * u) } else { 0.0 };

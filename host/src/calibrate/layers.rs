@@ -5,8 +5,9 @@ use crossfall_core::protocol::config::Scanner;
 use crossfall_core::scan::{Points, RawScan, RollTrack, level};
 
 use super::ground::{Ground, REACH_M};
-use super::{Drive, Estimate, Refusal, statistics};
+use super::{Drive, Estimate, Refusal};
 use crate::section::Place;
+use crate::statistics;
 use crate::units::place;
 
 /// Points of some scans, and how far they lie from one line.

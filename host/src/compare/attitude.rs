@@ -15,6 +15,7 @@ use crate::calibrate::statistics::{HighPass, Residual, regress};
 use crate::capture::{Channel, Reader};
 use crate::container::Error;
 use crate::geodesy::turned_deg;
+use crate::statistics::deviation;
 use crate::track::{Order, Sequence};
 use crate::units::degrees;
 
@@ -198,11 +199,10 @@ impl Difference {
     fn of(values: &[f64]) -> Self {
         let count = values.len().max(1) as f64;
         let mean_deg = values.iter().sum::<f64>() / count;
-        let about = values.iter().map(|value| value - mean_deg);
         Self {
             mean_deg,
-            rms_deg: (about.clone().map(|d| d * d).sum::<f64>() / count).sqrt(),
-            most_deg: about.map(f64::abs).fold(0.0, f64::max),
+            rms_deg: deviation(values.iter().copied()),
+            most_deg: values.iter().map(|value| (value - mean_deg).abs()).fold(0.0, f64::max),
         }
     }
 }

@@ -2,7 +2,7 @@
 //! Pictures and the report share it, so that both have the same axis.
 
 use super::Drive;
-use crate::intervals::median;
+use crate::statistics::median;
 
 /// A vehicle that came no further stood.
 const STOOD_M: f64 = 1.0;
