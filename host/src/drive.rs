@@ -65,6 +65,23 @@ impl Scan {
     }
 }
 
+#[cfg(test)]
+impl Scan {
+    /// One at a station of which nothing else is known.
+    pub(crate) fn at(number: u32, station_m: f64) -> Self {
+        Self {
+            number,
+            gps_seconds: f64::NAN,
+            station_m,
+            place: [f64::NAN; 3],
+            roll_deg: f32::NAN,
+            slopes: [(f32::NAN, f32::NAN); 4],
+            edges_m: [f32::NAN; 2],
+            flags: [0; 2],
+        }
+    }
+}
+
 /// A section that was kept.
 #[derive(Clone, Debug)]
 pub struct Kept {

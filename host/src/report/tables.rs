@@ -231,14 +231,9 @@ mod tests {
 
     fn drive(stations: impl Iterator<Item = f64>) -> Drive {
         let scan = |(number, station_m)| Scan {
-            number,
             gps_seconds: 160_203.0,
-            station_m,
-            place: [f64::NAN; 3],
-            roll_deg: 0.0,
             slopes: [(-8.0, 0.1); 4],
-            edges_m: [f32::NAN; 2],
-            flags: Default::default(),
+            ..Scan::at(number, station_m)
         };
         Drive { scans: (0..).zip(stations).map(scan).collect(), gps_week: Some(1_820), ..Drive::default() }
     }

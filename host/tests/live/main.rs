@@ -3,13 +3,15 @@
 mod bench;
 mod browser;
 mod devtools;
+#[path = "../program/mod.rs"]
+mod program;
 mod report;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::thread;
 use std::time::Duration;
 
@@ -19,6 +21,7 @@ use crossfall::serve::Access;
 use crossfall::simulate::scene::Scene;
 use crossfall::{config, units, verify};
 use crossfall_core::protocol::Config;
+use program::crossfall;
 use serde_json::{Value, json};
 
 #[test]
@@ -210,12 +213,8 @@ fn a_replay_that_has_ended_begins_again_unless_it_is_recorded() {
 #[test]
 fn recordings_without_a_frame_end_the_server_with_3() {
     let folder = tempfile::tempdir().unwrap();
-    let mut server = Command::new(env!("CARGO_BIN_EXE_crossfall"))
-        .args(["serve", "--device", "tcp:127.0.0.1:1", "--listen", "127.0.0.1:0"])
-        .current_dir(folder.path())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let serve = ["serve", "--device", "tcp:127.0.0.1:1", "--listen", "127.0.0.1:0"];
+    let mut server = crossfall(folder.path(), &serve).spawn().unwrap();
     let mut told = BufReader::new(server.stderr.take().unwrap());
     let mut line = String::new();
     told.read_line(&mut line).unwrap();
