@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use crate::profiles::{Row, SlopeRow};
 use crate::simulate::truth;
+use crate::statistics::{rms, upper_median};
 
 /// How well one quantity was measured.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -81,15 +82,14 @@ fn judge(what: &'static str, unit: &'static str, scans: usize, samples: &[Sample
     let count = samples.len().max(1) as f64;
     let errors = samples.iter().map(|(value, _, truth)| value - truth);
     let mut sizes: Vec<f64> = errors.clone().map(f64::abs).collect();
-    sizes.sort_by(f64::total_cmp);
     let intervals: Vec<bool> =
         samples.iter().filter_map(|(value, half, truth)| half.map(|half| (value - truth).abs() <= half)).collect();
     Accuracy {
         what,
         unit,
         found: samples.len() as f64 / scans.max(1) as f64,
-        rms: (errors.clone().map(|e| e * e).sum::<f64>() / count).sqrt(),
-        median: sizes.get(sizes.len() / 2).copied().unwrap_or_default(),
+        rms: rms(errors.clone()),
+        median: upper_median(&mut sizes).unwrap_or_default(),
         bias: errors.sum::<f64>() / count,
         coverage: (!intervals.is_empty())
             .then(|| intervals.iter().filter(|held| **held).count() as f64 / intervals.len() as f64),

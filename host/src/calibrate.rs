@@ -125,7 +125,7 @@ impl Estimate {
             if !(-90.0..=90.0).contains(&self.roll_offset_deg) {
                 return Err(Refusal::Offset { degrees: self.roll_offset_deg });
             }
-            new.mounting_offset = crate::config::angle_of(self.roll_offset_deg);
+            new.mounting_offset = crate::units::angle_of(self.roll_offset_deg);
         }
         if self.delay_determined {
             new.delay_us = self.lidar_delay_us.round() as i32;

@@ -15,6 +15,7 @@ use crossfall_protocol::units::Angle;
 use serde::Deserialize;
 
 use crate::toml_file::{self, Invalid, within};
+use crate::units::{self, angle_of};
 
 /// Reads a configuration.
 ///
@@ -387,23 +388,10 @@ fn angle(key: &str, value: Option<f64>, range: Range, default: Angle) -> Result<
     Ok(angle_of(value))
 }
 
-/// The binary angle nearest to a number of degrees.
-#[must_use]
-pub fn angle_of(degrees: f64) -> Angle {
-    // Through 64 bits: casting on to 32 keeps the angle modulo one turn.
-    Angle((degrees / 360.0 * 4_294_967_296.0).round() as i64 as i32)
-}
-
-/// An angle in degrees.
-#[must_use]
-pub fn degrees_of(angle: Angle) -> f64 {
-    f64::from(angle.0) * 360.0 / 4_294_967_296.0
-}
-
 /// Degrees as short as they can be written without becoming another angle.
 fn degrees(angle: Angle) -> String {
     let short = f64::from(angle.to_microdegrees()) / 1e6;
-    let exact = if angle_of(short) == angle { short } else { degrees_of(angle) };
+    let exact = if angle_of(short) == angle { short } else { units::degrees(angle) };
     format!("{exact:?}")
 }
 

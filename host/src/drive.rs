@@ -14,9 +14,10 @@ use crossfall_core::sensors::novatel::Quality;
 use crate::container::Error;
 use crate::geodesy::Geodetic;
 use crate::interrupt;
-use crate::profiles::{Row, SlopeRow, UNRELIABLE, degrees, host_flags, sides};
+use crate::profiles::{Row, SlopeRow, UNRELIABLE, host_flags, sides};
 use crate::section::Section;
 use crate::totals::Totals;
+use crate::units::{degrees, drift_ppm};
 use crate::walk::Walk;
 use crate::way::{Reach, Way};
 
@@ -61,6 +62,23 @@ impl Scan {
     pub fn reliable(&self, slope: usize) -> Option<(f64, f64)> {
         let (value, ci95) = *self.slopes.get(slope)?;
         (value.is_finite() && self.is_reliable(slope / 2)).then_some((f64::from(value), f64::from(ci95)))
+    }
+}
+
+#[cfg(test)]
+impl Scan {
+    /// One at a station of which nothing else is known.
+    pub(crate) fn at(number: u32, station_m: f64) -> Self {
+        Self {
+            number,
+            gps_seconds: f64::NAN,
+            station_m,
+            place: [f64::NAN; 3],
+            roll_deg: f32::NAN,
+            slopes: [(f32::NAN, f32::NAN); 4],
+            edges_m: [f32::NAN; 2],
+            flags: [0; 2],
+        }
     }
 }
 
@@ -195,7 +213,7 @@ impl Drive {
                 PulseVerdict::Spurious => health.pulses_spurious += 1,
                 PulseVerdict::Accepted | PulseVerdict::Restarted => health.pulses += 1,
             },
-            Message::Clock(clock) => health.drift_ppm = Some(f64::from(clock.drift) / 4_294.967_296),
+            Message::Clock(clock) => health.drift_ppm = Some(drift_ppm(clock)),
             _ => {}
         }
     }

@@ -25,7 +25,7 @@ use crate::profiles::sides;
 use crate::table::{Record, Value};
 use crate::track::Turn;
 use crate::walk::{Step, Walk};
-use crate::{container, interrupt};
+use crate::{container, interrupt, units};
 
 /// A log could not be exported.
 #[derive(Debug, thiserror::Error)]
@@ -193,8 +193,8 @@ fn scan(step: &Step<'_>, points: &Points, stamp: &Json) -> Json {
 
 fn cloud(points: &Points, stamp: &Json) -> Json {
     let mut data = Vec::with_capacity(points.len() * 12);
-    for echo in points {
-        for value in [0.0, f64::from(echo.point.y_um) * 1e-6, f64::from(echo.point.z_um) * 1e-6] {
+    for (y, z) in points.iter().map(units::place) {
+        for value in [0.0, y, z] {
             data.extend((value as f32).to_le_bytes());
         }
     }

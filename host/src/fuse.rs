@@ -171,16 +171,8 @@ mod tests {
     /// A scan a second, with left slopes and half widths.
     fn scan(number: u32, station_m: f64, place: [f64; 3], [adjacent, opposing]: [(f32, f32); 2]) -> Scan {
         let none = (f32::NAN, f32::NAN);
-        Scan {
-            number,
-            gps_seconds: f64::from(number),
-            station_m,
-            place,
-            roll_deg: 0.0,
-            slopes: [adjacent, opposing, none, none],
-            edges_m: [f32::NAN; 2],
-            flags: [0; 2],
-        }
+        let slopes = [adjacent, opposing, none, none];
+        Scan { gps_seconds: f64::from(number), place, slopes, ..Scan::at(number, station_m) }
     }
 
     /// A drive along a road to the east or back, with given left slopes and half widths.

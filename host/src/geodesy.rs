@@ -52,9 +52,36 @@ pub fn shifted(from: Geodetic, [east, north, up]: [f64; 3]) -> Geodetic {
 #[must_use]
 pub fn between(from: Geodetic, to: Geodetic) -> [f64; 2] {
     let middle = [(from[0] + to[0]) / 2.0, from[1], (from[2] + to[2]) / 2.0];
-    let [per_latitude, per_longitude] = metres_per_degree(middle);
-    let turn = (to[1] - from[1] + 180.0).rem_euclid(360.0) - 180.0;
-    [turn * per_longitude, (to[0] - from[0]) * per_latitude]
+    Plane { origin: from, per_degree_m: metres_per_degree(middle) }.metres(to)
+}
+
+/// From one direction or longitude to another the short way round, in degrees from -180 to 180.
+#[must_use]
+pub fn turned_deg(from: f64, to: f64) -> f64 {
+    (to - from + 180.0).rem_euclid(360.0) - 180.0
+}
+
+/// A flat map that touches the earth at its origin: for a picture, good to a pixel over a hundred miles.
+#[derive(Clone, Copy, Debug)]
+pub struct Plane {
+    origin: Geodetic,
+    /// Metres to a degree of latitude and of longitude.
+    per_degree_m: [f64; 2],
+}
+
+impl Plane {
+    /// The one around a place.
+    #[must_use]
+    pub fn at(origin: Geodetic) -> Self {
+        Self { origin, per_degree_m: metres_per_degree(origin) }
+    }
+
+    /// Metres east and north of the origin.
+    #[must_use]
+    pub fn metres(&self, place: Geodetic) -> [f64; 2] {
+        let [per_latitude, per_longitude] = self.per_degree_m;
+        [turned_deg(self.origin[1], place[1]) * per_longitude, (place[0] - self.origin[0]) * per_latitude]
+    }
 }
 
 /// A zone of the Universal Transverse Mercator projection.
@@ -197,6 +224,14 @@ mod tests {
                 assert!((ours[2] - exact[2]).abs() < 1e-9);
             }
         }
+    }
+
+    #[test]
+    fn a_plane_goes_on_across_the_date_line() {
+        let plane = Plane::at([10.0, 179.999, 0.0]);
+        let [east, north] = plane.metres([10.001, -179.999, 0.0]);
+        assert!((east - 219.3).abs() < 0.1 && (north - 110.6).abs() < 0.1, "{east} {north}");
+        assert_eq!((turned_deg(-170.0, 170.0), turned_deg(350.0, 20.0)), (-20.0, 30.0));
     }
 
     #[test]

@@ -10,7 +10,7 @@ use crate::geodesy::{Geodetic, between};
 use crate::profiles::{Row, SlopeRow, flag_names};
 use crate::table::{Column, Kind, Record, Shape, Value};
 
-pub use samples::{Estimate, HELD, ROLL_SD_DEG, Sample, Samples, median};
+pub use samples::{Estimate, HELD, ROLL_SD_DEG, Sample, Samples};
 
 /// Metres in a statute mile.
 pub const MILE_M: f64 = 1_609.344;

@@ -13,6 +13,7 @@ use crate::geodesy::{Geodetic, shifted};
 use crate::stream::{Item, Stream};
 use crate::table::{self, Column, Format, Kind, Record, Shape, Table, Value};
 use crate::track::{Position, Track};
+use crate::units::{degrees, metres};
 
 /// The columns, in order.
 pub const COLUMNS: [Column; 23] = [
@@ -97,16 +98,6 @@ pub struct SlopeRow {
     pub points: u16,
     /// Lateral distance of its outer end in metres, left positive.
     pub end_y_m: f64,
-}
-
-/// Degrees of a binary angle.
-#[must_use]
-pub fn degrees(angle: Angle) -> f64 {
-    f64::from(angle.0) * (360.0 / 4_294_967_296.0)
-}
-
-fn metres(micrometres: i32) -> f64 {
-    f64::from(micrometres) * 1e-6
 }
 
 impl SlopeRow {

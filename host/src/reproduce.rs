@@ -162,11 +162,6 @@ impl Picture {
     }
 }
 
-/// Root mean square.
-fn rms(values: impl Iterator<Item = f64>) -> f64 {
-    crate::calibrate::statistics::rms(values)
-}
-
 /// The mean magnitude of a normal error with this standard deviation.
 fn mean_magnitude(deviation: f64) -> f64 {
     deviation * (2.0 / core::f64::consts::PI).sqrt()

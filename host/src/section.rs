@@ -6,8 +6,8 @@ use crossfall_core::protocol::message::{Message, Profile, Side, Slope};
 
 use crate::container::Error;
 use crate::interrupt;
-use crate::intervals::median;
-use crate::profiles::degrees;
+use crate::statistics::median;
+use crate::units::{degrees, metres};
 use crate::walk::Walk;
 
 /// A place in a section: metres to the left of the sensor and above it.
@@ -88,7 +88,6 @@ pub fn lines(profile: &Profile, points: &[Place]) -> Vec<Fitted> {
 }
 
 fn of_side(side: &Side, left: bool, points: &[Place], room: &mut Vec<f64>) -> [Option<Fitted>; 3] {
-    let metres = |um: i32| f64::from(um) * 1e-6;
     let mut through = |part: Part, slope_deg: f64, ci95_deg: Option<f64>, from: f64, to: f64| {
         let rise = slope_deg.to_radians().tan() * if left { 1.0 } else { -1.0 };
         let base = height_at_sensor(points.iter().copied(), rise, (from, to), room)?;

@@ -17,7 +17,7 @@ use crossfall_core::protocol::{Angle, Config, DeviceTime};
 use crossfall_core::sensors::novatel::Quality;
 
 use crate::geodesy::{Geodetic, shifted};
-use crate::profiles::degrees;
+use crate::units::{degrees, drift};
 
 /// Poses kept: more than the survey's longest wait at 200 Hz.
 const KEPT: usize = 256;
@@ -277,7 +277,7 @@ impl Track {
         let clock = self.clock?;
         let (week, week_us) = clock.gps?;
         let since_us = time.since(clock.anchor) as f64;
-        let gps_us = since_us - since_us * f64::from(clock.drift) / 4_294_967_296.0;
+        let gps_us = since_us - since_us * drift(&clock);
         let named = GpsTime { week, us: week_us };
         Some(seconds(GpsTime::of_count(named.count_us() + gps_us.round() as i64)))
     }

@@ -18,6 +18,7 @@ use crate::section::{Place, Section};
 use crate::stream::{Item, Stream};
 use crate::totals::Totals;
 use crate::track::{Position, Track};
+use crate::units::place;
 
 /// Walks a log.
 #[derive(Debug)]
@@ -191,5 +192,5 @@ impl Step<'_> {
 }
 
 fn places(points: &Points) -> Vec<Place> {
-    points.iter().map(|echo| (f64::from(echo.point.y_um) * 1e-6, f64::from(echo.point.z_um) * 1e-6)).collect()
+    points.iter().map(place).collect()
 }

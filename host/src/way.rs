@@ -6,7 +6,7 @@
 
 use std::collections::HashMap;
 
-use crate::geodesy::{Geodetic, metres_per_degree};
+use crate::geodesy::{Geodetic, Plane};
 
 /// The track keeps points at least so far apart, whatever the reach.
 const LEAST_STEP_M: f64 = 0.1;
@@ -48,9 +48,7 @@ struct Point {
 #[derive(Clone, Debug)]
 pub struct Way {
     reach: Reach,
-    origin: Geodetic,
-    /// Metres to a degree of latitude and of longitude.
-    per_degree_m: [f64; 2],
+    plane: Plane,
     points: Vec<Point>,
     squares: HashMap<(i64, i64), Vec<usize>>,
 }
@@ -62,16 +60,10 @@ impl Way {
     pub fn through(places: impl Iterator<Item = (Geodetic, f64)>, reach: Reach) -> Option<Self> {
         let mut places = places.peekable();
         let origin = places.peek()?.0;
-        let mut way = Self {
-            reach,
-            origin,
-            per_degree_m: metres_per_degree(origin),
-            points: Vec::new(),
-            squares: HashMap::new(),
-        };
+        let mut way = Self { reach, plane: Plane::at(origin), points: Vec::new(), squares: HashMap::new() };
         let mut last = None;
         for (place, station_m) in places {
-            let (east_m, north_m) = way.flat(place);
+            let [east_m, north_m] = way.plane.metres(place);
             let point = Point { east_m, north_m, station_m };
             way.extend(point, reach.step_m);
             last = Some(point);
@@ -111,7 +103,7 @@ impl Way {
     /// Station on the track of a place, in metres; `None` when it is not on it. Its height does not matter.
     #[must_use]
     pub fn station_m(&self, place: Geodetic) -> Option<f64> {
-        let (east_m, north_m) = self.flat(place);
+        let [east_m, north_m] = self.plane.metres(place);
         let (column, line) = self.square(east_m, north_m);
         let around = (-1..=1).flat_map(|i| (-1..=1).map(move |j| (column + i, line + j)));
         let distance = |i: &usize| {
@@ -137,12 +129,6 @@ impl Way {
         });
         let (off, station_m) = feet.min_by(|a, b| a.0.total_cmp(&b.0))?;
         (off <= self.reach.off_m).then_some(station_m)
-    }
-
-    fn flat(&self, [latitude_deg, longitude_deg, _]: Geodetic) -> (f64, f64) {
-        let [per_latitude, per_longitude] = self.per_degree_m;
-        let east_deg = (longitude_deg - self.origin[1] + 180.0).rem_euclid(360.0) - 180.0;
-        (east_deg * per_longitude, (latitude_deg - self.origin[0]) * per_latitude)
     }
 
     fn square(&self, east_m: f64, north_m: f64) -> (i64, i64) {

@@ -15,9 +15,7 @@ fn crossfall(folder: &Path, arguments: &[&str]) -> Output {
 
 /// What it said on stderr, after checking that it ended with a code.
 fn ends(output: &Output, code: i32) -> String {
-    let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert_eq!(output.status.code(), Some(code), "stdout: {out}\nstderr: {err}");
-    err.into_owned()
+    program::ended(output, code).1
 }
 
 /// Checks that it failed with one line that contains a text.

@@ -1,25 +1,29 @@
 //! The configuration that a drive is measured with: put in force when a board says hello, again when it has restarted, and told in words
 //! where that fails. The boards are threads here; one of them is the instrument itself.
 
+mod program;
+
 use std::cell::Cell;
 use std::fs;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::Child;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crossfall::config::{angle_of, to_toml};
+use crossfall::config::to_toml;
 use crossfall::live::film::Film;
 use crossfall::live::player::Player;
 use crossfall::record::{Device, Notice, Outbox, Port, Summary, Unconfigured, converse};
 use crossfall::simulate::{self, scene::Scene};
 use crossfall::stream::{Item, Stream};
+use crossfall::units::angle_of;
 use crossfall::{capture, log, verify};
 use crossfall_core::protocol::frame::{BoardDecoder, Event, MAX_MESSAGE_FRAME, Sequencer};
 use crossfall_core::protocol::message::{self, Hello, Message, Outcome, Reply, Status};
 use crossfall_core::protocol::{Config, schema};
+use program::{crossfall, ended};
 
 /// No test takes as long unless it fails.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -269,14 +273,7 @@ fn a_board_that_has_it_already_is_left_alone() {
 
 fn recorder(folder: &Path, device: &Device, more: &[&str]) -> Child {
     let device = device.to_string();
-    let mut command = Command::new(env!("CARGO_BIN_EXE_crossfall"));
-    command.args(["record", "--device", &device, "-o", "a.mcap"]).args(more).current_dir(folder);
-    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
-}
-
-fn ended(recorder: Child) -> (Option<i32>, String) {
-    let Output { status, stderr, .. } = recorder.wait_with_output().unwrap();
-    (status.code(), String::from_utf8(stderr).unwrap())
+    crossfall(folder, &["record", "--device", &device, "-o", "a.mcap"]).args(more).spawn().unwrap()
 }
 
 #[test]
@@ -291,8 +288,7 @@ fn a_refusal_is_told_with_what_is_in_force_instead() {
     assert_eq!(config, tilted());
     board.say(&Message::Reply(Reply { to, outcome: Outcome::BadConfig }));
     assert_eq!(board.command(), None, "a refusal is not argued with");
-    let (code, error) = ended(recorder);
-    assert_eq!(code, Some(3), "{error}");
+    let (_, error) = ended(&recorder.wait_with_output().unwrap(), 3);
     let told = "the configuration is not in force: the board refuses it as out of range or at odds with itself; \
                 its last word was that it measures with the defaults (mounting offset 0 degrees, delay 0 ms)\n";
     assert!(error.contains(&format!("{device}: {told}")), "{error}");
@@ -332,8 +328,7 @@ fn without_a_configuration_one_that_is_lost_is_told() {
     board.boot();
     board.hello(Config::default());
     assert_eq!(board.command(), None, "nothing is known that could be sent");
-    let (code, error) = ended(recorder);
-    assert_eq!(code, Some(3), "{error}");
+    let (_, error) = ended(&recorder.wait_with_output().unwrap(), 3);
     let told = "the board now measures with the default configuration: \
                 mounting offset was +0.8079 degrees, now +0.0000 degrees; delay was +1.465 ms, now +0.000 ms\n";
     assert!(error.contains(&format!("{device}: {told}")), "{error}");
@@ -401,12 +396,9 @@ fn a_configuration_that_cannot_be_is_told_before_anything_is_opened() {
     for (file, words) in [("bad.toml", "expected a number from -90 to 90"), ("none.toml", "none.toml: ")] {
         let device = device.to_string();
         for command in [&["record", "-o", "a.mcap"][..], &["serve"], &["monitor"]] {
-            let mut crossfall = Command::new(env!("CARGO_BIN_EXE_crossfall"));
-            crossfall.args(command).args(["--device", &device, "--config", file]).current_dir(at).stdin(Stdio::null());
-            let output = crossfall.output().unwrap();
-            let error = String::from_utf8_lossy(&output.stderr);
-            assert_eq!((output.status.code(), error.lines().count()), (Some(1), 1), "{error}");
-            assert!(error.contains(words), "{error}");
+            let output = crossfall(at, command).args(["--device", &device, "--config", file]).output().unwrap();
+            let (_, error) = ended(&output, 1);
+            assert!(error.lines().count() == 1 && error.contains(words), "{error}");
         }
     }
     assert!(listener.accept().is_err(), "nobody has knocked");

@@ -1,33 +1,19 @@
 //! What a command leaves behind and how it ends: nothing that is read, recorded or asked for twice is destroyed, no verdict hangs on who reads along,
 //! and what is wrong is told as what it is.
 
+mod program;
+
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::Stdio;
 
 use crossfall::log::{self, metadata};
 use crossfall_core::protocol::frame::{MAX_MESSAGE_FRAME, Sequencer};
 use crossfall_core::protocol::message::{Hello, Message};
 use crossfall_core::protocol::schema;
+use program::{crossfall, ended, ends};
 use tempfile::TempDir;
-
-fn command(folder: &Path, arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_crossfall"));
-    command.args(arguments).current_dir(folder).stdin(Stdio::null());
-    command
-}
-
-/// What it said on stdout and stderr, after checking its status.
-fn ended(output: &Output, code: i32) -> (String, String) {
-    let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert_eq!(output.status.code(), Some(code), "stdout: {out}\nstderr: {err}");
-    (out.into_owned(), err.into_owned())
-}
-
-fn ends(folder: &Path, arguments: &[&str], code: i32) -> (String, String) {
-    ended(&command(folder, arguments).output().expect("the binary runs"), code)
-}
 
 /// Checks that it failed with a text and left a file as it was.
 fn spares(folder: &Path, file: &str, arguments: &[&str], expected: &str) {
@@ -79,7 +65,7 @@ fn what_was_lost_before_a_restart_is_told() {
     // Scans and counters speak of the same drive, and `verify` of the same time.
     assert_eq!(both["scans"], both["counters"]["scans"]);
     for (name, info) in [("faulty.log.mcap", &faulty), ("drive.log.mcap", &clean), ("both.mcap", &both)] {
-        let verified = command(at, &["verify", name, "--json"]).output().unwrap();
+        let verified = crossfall(at, &["verify", name, "--json"]).output().unwrap();
         assert_eq!(json(&String::from_utf8_lossy(&verified.stdout))["seconds"], info["seconds"], "{name}");
     }
     let page = |log: &str| {
@@ -145,7 +131,7 @@ fn a_recording_is_never_replaced() {
 fn unread(folder: &Path, arguments: &[&str], code: i32) -> String {
     let (reader, writer) = io::pipe().unwrap();
     drop(reader);
-    let output = command(folder, arguments).stdout(writer).stderr(Stdio::piped()).spawn().unwrap();
+    let output = crossfall(folder, arguments).stdout(writer).spawn().unwrap();
     ended(&output.wait_with_output().unwrap(), code).1
 }
 
@@ -224,7 +210,7 @@ fn a_name_that_is_no_utf_8_is_told_to_machines_too() {
     let name = OsStr::from_bytes(b"cut-\xff.mcap");
     fs::write(at.join(name), &log[..log.len() / 2]).unwrap();
     let said = |arguments: &[&str], more: &[&OsStr]| {
-        let output = command(at, arguments).args(more).output().unwrap();
+        let output = crossfall(at, arguments).args(more).output().unwrap();
         json(&ended(&output, 3).0)
     };
     let verified = said(&["verify", "--json"], &[name, OsStr::new("drive.log.mcap")]);
@@ -239,7 +225,7 @@ fn a_pipe_is_called_one() {
     let folder = drive();
     let at = folder.path();
     for arguments in [&["info", "/dev/stdin"][..], &["verify", "/dev/stdin"], &["run", "/dev/stdin", "-o", "a.mcap"]] {
-        let mut child = command(at, arguments).stdin(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut child = crossfall(at, arguments).stdin(Stdio::piped()).spawn().unwrap();
         let log = fs::read(at.join("drive.log.mcap")).unwrap();
         // It does not read all of it.
         let _closed = child.stdin.take().unwrap().write_all(&log);
@@ -248,7 +234,7 @@ fn a_pipe_is_called_one() {
         // A file is one under this name as well.
         if arguments[0] != "run" {
             let file = File::open(at.join("drive.log.mcap")).unwrap();
-            ended(&command(at, arguments).stdin(file).output().unwrap(), 0);
+            ended(&crossfall(at, arguments).stdin(file).output().unwrap(), 0);
         }
     }
     assert!(!at.join("a.mcap").exists());
@@ -334,7 +320,7 @@ fn a_stderr_that_takes_nothing_changes_no_status() {
     let folder = tempfile::tempdir().unwrap();
     let full = || File::options().write(true).open("/dev/full").unwrap();
     for (arguments, code) in [(["verify", "nofile"], 1), (["verify", "--nonsense"], 2)] {
-        let status = command(folder.path(), &arguments).stdout(Stdio::null()).stderr(full()).status().unwrap();
+        let status = crossfall(folder.path(), &arguments).stdout(Stdio::null()).stderr(full()).status().unwrap();
         assert_eq!(status.code(), Some(code), "{arguments:?}");
     }
 }

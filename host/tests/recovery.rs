@@ -6,15 +6,7 @@ use std::fs;
 use std::path::Path;
 
 use crossfall::log;
-use program::crossfall;
-
-/// What it said on stdout and stderr, after checking its status.
-fn ends(folder: &Path, arguments: &[&str], code: i32) -> (String, String) {
-    let output = crossfall(folder, arguments).output().unwrap();
-    let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert_eq!(output.status.code(), Some(code), "{arguments:?}\nstdout: {out}\nstderr: {err}");
-    (out.into_owned(), err.into_owned())
-}
+use program::ends;
 
 fn drive(folder: &Path) {
     ends(folder, &["simulate", "--seconds", "4", "-o", "drive.mcap"], 0);

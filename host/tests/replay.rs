@@ -5,7 +5,7 @@ mod program;
 use std::fs;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
-use std::process::{Child, Command, Output};
+use std::process::{Child, Command};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
@@ -28,10 +28,7 @@ fn ends(mut command: Command, code: i32) -> (String, String) {
 }
 
 fn ended(child: Child, code: i32) -> (String, String) {
-    let Output { status, stdout, stderr } = child.wait_with_output().unwrap();
-    let (out, err) = (String::from_utf8(stdout).unwrap(), String::from_utf8(stderr).unwrap());
-    assert_eq!(status.code(), Some(code), "stdout: {out}\nstderr: {err}");
-    (out, err)
+    program::ended(&child.wait_with_output().unwrap(), code)
 }
 
 /// A folder with a simulated drive of two seconds.

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crossfall::calibrate::{self, Drive, Estimate, Surface};
-use crossfall::simulate::scene::{Oscillation, Scene};
+use crossfall::simulate::scene::Scene;
 use crossfall::{capture, config, log, run, simulate};
 use crossfall_core::protocol::Config;
 use crossfall_core::protocol::frame::{Event, HostDecoder, MAX_MESSAGE_FRAME};
@@ -14,21 +14,11 @@ const DELAY_US: f64 = 1_500.0;
 /// Shorter than the minute of a real test, to keep the tests short.
 const SECONDS: f64 = 20.0;
 
-/// The vehicle is rocked by two degrees once a second while it stands on level ground.
 fn rock_test(seed: u64) -> Scene {
-    let mut scene = Scene::default();
+    let mut scene = Scene::rock_test(OFFSET_DEG, DELAY_US);
     scene.drive.seed = seed;
     scene.drive.seconds = SECONDS;
-    scene.drive.speed_m_s = 0.0;
-    scene.vehicle.roll = vec![Oscillation { amplitude_deg: 2.0, frequency_hz: 1.0 }];
-    scene.vehicle.pitch = Vec::new();
-    scene.scanner.mounting_offset_deg = OFFSET_DEG;
-    scene.scanner.delay_us = DELAY_US;
     scene.scanner.range_noise_mm = 10.0;
-    // Level as far as the calibration looks: nothing falls away within three metres.
-    scene.sections.random.cross_slope_deg = [0.0, 0.0];
-    scene.sections.random.left_edge_m = [4.0, 4.0];
-    scene.sections.random.road_width_m = [8.0, 8.0];
     scene
 }
 

@@ -11,8 +11,9 @@
 //! when the error does not move. What stays over the whole record passes for mounting offset, and belongs into it.
 
 use super::ground::Residual;
-use super::statistics::{deviation, scans_in};
+use super::statistics::scans_in;
 use crate::intervals::ROLL_SD_DEG;
+use crate::statistics::deviation;
 
 /// Length of the means that the filter is given, in seconds.
 const BLOCK_S: f64 = 0.5;

@@ -6,7 +6,8 @@ use super::ground::{Ground, Residual};
 use super::statistics::HighPass;
 use super::{Drive, Estimate, LEAST_SCANS, Refusal, Sample, Surface, drift, statistics};
 use crate::interrupt;
-use crate::profiles::degrees;
+use crate::statistics::{deviation, rms};
+use crate::units::degrees;
 
 /// The delay is refused when its standard error is above this: at ten degrees a second it is worth 0.005 degrees, a third of the unit's own error.
 const MAX_DELAY_SE_US: f64 = 500.0;
@@ -89,7 +90,7 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
     let old_offset_deg = degrees(drive.config.scanner.mounting_offset);
     let offset_deg = old_offset_deg + true_slope - level.mean_deg;
     let offset_se_deg = level.se_deg.hypot(prior_se);
-    let rate = statistics::rms(after.iter().map(|point| point.rate_deg_us * 1e6));
+    let rate = rms(after.iter().map(|point| point.rate_deg_us * 1e6));
     let mut remarks = vec![said];
     let delay_remark = if !timed {
         let said = "the delay cannot be told: most poses are timed by their arrival, as there were no pulses, and the inertial unit's \
@@ -111,8 +112,8 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
         left_out.push(format!("{} parts of the log are damaged or missing", drive.damage));
     }
     remarks.extend(left_out.iter().cloned());
-    let residual_after_deg = statistics::deviation(after.iter().map(|point| point.slope_deg));
-    let residual_ranges_deg = statistics::rms(after.iter().map(|point| point.se_deg));
+    let residual_after_deg = deviation(after.iter().map(|point| point.slope_deg));
+    let residual_ranges_deg = rms(after.iter().map(|point| point.se_deg));
     let estimate = Estimate {
         roll_offset_deg: offset_deg,
         roll_offset_se_deg: offset_se_deg,
@@ -126,7 +127,7 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
         parked,
         scans: after.len(),
         roll_rate_rms_deg_s: rate,
-        residual_before_deg: statistics::deviation(before.iter().map(|point| point.slope_deg)),
+        residual_before_deg: deviation(before.iter().map(|point| point.slope_deg)),
         residual_after_deg,
         residual_ranges_deg,
         residual_rest_deg: (residual_after_deg.powi(2) - residual_ranges_deg.powi(2)).max(0.0).sqrt(),
@@ -160,7 +161,7 @@ fn is_parked(poses: &[Pose]) -> Option<bool> {
         let [north, east, _] = fix.velocity_mm_s.map(|mm| f64::from(mm) * 1e-3);
         north.hypot(east)
     });
-    Some(statistics::rms(speeds) < PARKED_M_S)
+    Some(rms(speeds) < PARKED_M_S)
 }
 
 /// Mean direction, as that of the sum of unit vectors.

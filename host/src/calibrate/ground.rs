@@ -14,7 +14,8 @@ use crossfall_core::scan::{self, Points, RawScan};
 
 use super::{Drive, Sample};
 use crate::interrupt;
-use crate::profiles::degrees;
+use crate::statistics::upper_median;
+use crate::units::{degrees, place};
 
 /// Points this far to either side belong to the ground under the sensor, in metres.
 pub const REACH_M: f64 = 3.0;
@@ -96,8 +97,7 @@ impl<'a> Ground<'a> {
         }
         heights.map(|strips| {
             let even = |mut strip: Vec<f64>| {
-                let middle = strip.len() / 2;
-                strip.len() >= STRIP_POINTS && strip.select_nth_unstable_by(middle, f64::total_cmp).1.abs() <= EVEN_M
+                strip.len() >= STRIP_POINTS && upper_median(&mut strip).is_some_and(|off| off.abs() <= EVEN_M)
             };
             let more = strips.into_iter().skip(first).map(even).take_while(|even| *even).count();
             (first + more) as f64 * STRIP_M
@@ -173,7 +173,7 @@ impl<'a> Ground<'a> {
     fn section(&self, scan: &RawScan, roll: &ScanRoll, delay_us: i32, points: &mut Points) -> Vec<(f64, f64)> {
         let scanner = config::Scanner { delay_us, ..self.drive.config.scanner };
         scan::level(scan, &roll.track, &scanner, points);
-        points.iter().map(|echo| (f64::from(echo.point.y_um) * 1e-6, f64::from(echo.point.z_um) * 1e-6)).collect()
+        points.iter().map(place).collect()
     }
 
     /// Poses around a scan as the core's history would hold them: a few before it and more than it lasts.
@@ -214,9 +214,7 @@ fn robust_line(points: &[(f64, f64)]) -> Option<Line> {
         let size =
             |((y, z), precision): (&(f64, f64), &f64)| (z - line.height - line.slope * y).abs() * precision.sqrt();
         let mut sizes: Vec<f64> = points.iter().zip(&precisions).map(size).collect();
-        let middle = sizes.len() / 2;
-        let (_, median, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
-        let scale = (4.685 * 1.4826 * *median).max(1e-4);
+        let scale = (4.685 * 1.4826 * upper_median(&mut sizes)?).max(1e-4);
         for ((weight, precision), point) in weights.iter_mut().zip(&precisions).zip(points) {
             let u = size((point, precision)) / scale;
             *weight = if u < 1.0 { precision * (1.0 - u * u) * (1.0 - u * u) } else { 0.0 };

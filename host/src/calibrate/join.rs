@@ -57,7 +57,7 @@ pub fn join(mut estimates: Vec<Estimate>, old_offset_deg: f64) -> Option<Estimat
         // Ground that is level looks the same in all directions.
         let values = seen.iter().map(|(value, _)| *value);
         let mean = values.clone().sum::<f64>() / seen.len() as f64;
-        (mean, worst.max(super::statistics::deviation(values)), said)
+        (mean, worst.max(crate::statistics::deviation(values)), said)
     };
     let offset_determined =
         offset_se_deg <= MAX_OFFSET_SE_DEG && estimates.iter().all(|estimate| estimate.offset_determined);

@@ -5,8 +5,10 @@ use crossfall_core::protocol::config::Scanner;
 use crossfall_core::scan::{Points, RawScan, RollTrack, level};
 
 use super::ground::{Ground, REACH_M};
-use super::{Drive, Estimate, Refusal, statistics};
+use super::{Drive, Estimate, Refusal};
 use crate::section::Place;
+use crate::statistics;
+use crate::units::place;
 
 /// Points of some scans, and how far they lie from one line.
 #[derive(Clone, Debug, Default)]
@@ -53,6 +55,5 @@ impl Layers {
 fn near(scan: &RawScan, track: &RollTrack, scanner: &Scanner, places: &mut Vec<Place>) {
     let mut points = Points::new();
     level(scan, track, scanner, &mut points);
-    let all = points.iter().map(|echo| (f64::from(echo.point.y_um) * 1e-6, f64::from(echo.point.z_um) * 1e-6));
-    places.extend(all.filter(|(y, _)| y.abs() <= REACH_M));
+    places.extend(points.iter().map(place).filter(|(y, _)| y.abs() <= REACH_M));
 }

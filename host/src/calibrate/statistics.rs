@@ -1,6 +1,7 @@
 //! A regression over residuals whose errors last from one scan to the next, and what else is taken of them.
 
 pub use super::ground::Residual;
+use crate::statistics::upper_median;
 
 /// How long errors are allowed to last in the regression, in seconds.
 const MEMORY_S: f64 = 1.0;
@@ -15,19 +16,6 @@ pub struct Regression {
     pub slope: f64,
     /// Its standard error.
     pub slope_se: f64,
-}
-
-/// Root of the mean square; 0 of nothing.
-pub fn rms(values: impl Iterator<Item = f64>) -> f64 {
-    let (count, sum) = values.fold((0.0, 0.0), |(count, sum), value| (count + 1.0, sum + value * value));
-    if count > 0.0 { (sum / count).sqrt() } else { 0.0 }
-}
-
-/// Standard deviation; 0 of nothing.
-pub fn deviation(values: impl Iterator<Item = f64> + Clone) -> f64 {
-    let count = values.clone().count() as f64;
-    let mean = values.clone().sum::<f64>() / count.max(1.0);
-    rms(values.map(|value| value - mean))
 }
 
 /// What varies slowly is taken out of the residuals and of the roll rate alike, by what remains after their mean over twice `half_s` around is taken off,
@@ -103,12 +91,7 @@ pub fn regress(points: &[Residual], filter: HighPass) -> Regression {
 /// How many scans there are in so many seconds, by the median interval.
 pub fn scans_in(points: &[Residual], seconds: f64) -> usize {
     let mut steps: Vec<f64> = points.windows(2).map(|pair| pair[1].seconds - pair[0].seconds).collect();
-    if steps.is_empty() {
-        return 1;
-    }
-    let middle = steps.len() / 2;
-    let (_, step, _) = steps.select_nth_unstable_by(middle, f64::total_cmp);
-    (seconds / step.max(1e-3)).round() as usize
+    upper_median(&mut steps).map_or(1, |step| (seconds / step.max(1e-3)).round() as usize)
 }
 
 /// Slope of the least-squares line through points.

@@ -19,7 +19,7 @@ use crate::geodesy::{self, Utm, between};
 use crate::section::{Fitted, Part, Place, lines};
 use crate::track::Position;
 use crate::walk::{Step, Walk};
-use crate::{container, interrupt, output};
+use crate::{calendar, container, interrupt, output, units};
 
 pub use stretch::{Across, Stretch};
 
@@ -267,12 +267,10 @@ impl Room {
         let up = next[2] - place[2];
         let patch = utm.around_place(place)?;
         let span_ns = (end.0 - begin.0) as f64 * 1e3;
-        let gps_time = f64::from(week) * 604_800.0 + seconds - ADJUSTED_S;
+        let gps_time = f64::from(week) * calendar::WEEK_S as f64 + seconds - ADJUSTED_S;
 
         self.places.clear();
-        self.places.extend(
-            self.points.iter().map(|echo| (f64::from(echo.point.y_um) * 1e-6, f64::from(echo.point.z_um) * 1e-6)),
-        );
+        self.places.extend(self.points.iter().map(units::place));
         let lines = lines(&step.profile, &self.places);
         self.returns.clear();
         for (echo, &(y, z)) in self.points.iter().zip(&self.places) {

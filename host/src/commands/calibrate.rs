@@ -82,7 +82,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         estimates.push(found);
     }
     let (drive, samples, alone) = first.context("no log")?;
-    let old_offset_deg = crossfall::profiles::degrees(drive.config.scanner.mounting_offset);
+    let old_offset_deg = crossfall::units::degrees(drive.config.scanner.mounting_offset);
     let found = calibrate::join(estimates, old_offset_deg).context("the logs cannot be joined")?;
     if args.json {
         say_json(&found)?;

@@ -199,7 +199,7 @@ fn view(canvas: &Canvas<'_>, log: &Path, drive: &Drive, number: u32) -> anyhow::
 pub fn one_section(canvas: &Canvas<'_>, log: &Path, number: u32, paths: &mut Vec<PathBuf>) -> anyhow::Result<Section> {
     let found = section::of_scan(log, number)?;
     let found = found.with_context(|| format!("{}: no profile of a scan {number}", log.display()))?;
-    let roll = crossfall::profiles::degrees(found.profile.roll);
+    let roll = crossfall::units::degrees(found.profile.roll);
     let title = format!("Section of scan {number}, roll {roll:.2}\u{b0}").replace('-', "\u{2212}");
     paths.extend(canvas.write(&format!("section-{number}"), &plot::section(&found, &title, canvas.theme)?)?);
     Ok(found)

@@ -14,8 +14,10 @@ use serde::Serialize;
 use crate::calibrate::statistics::{HighPass, Residual, regress};
 use crate::capture::{Channel, Reader};
 use crate::container::Error;
-use crate::profiles::degrees;
+use crate::geodesy::turned_deg;
+use crate::statistics::deviation;
 use crate::track::{Order, Sequence};
+use crate::units::degrees;
 
 /// Poses further apart than this are not interpolated between, in microseconds.
 const LONGEST_GAP_US: i64 = 110_000;
@@ -165,16 +167,16 @@ fn hold(first: &Unit, second: &Unit) -> Comparison {
         let Some(other_roll) = at(others, pose.time, |pose| degrees(pose.roll)) else { continue };
         let Some(other_pitch) = at(others, pose.time, |pose| degrees(pose.pitch)) else { continue };
         let own_roll = degrees(pose.roll);
-        roll.push(wrapped(other_roll - own_roll));
-        pitch.push(wrapped(other_pitch - degrees(pose.pitch)));
+        roll.push(turned_deg(own_roll, other_roll));
+        pitch.push(turned_deg(degrees(pose.pitch), other_pitch));
         let seconds = seconds(pose) - start;
-        samples.push(Sample { seconds, first_deg: own_roll, second_deg: own_roll + wrapped(other_roll - own_roll) });
+        samples.push(Sample { seconds, first_deg: own_roll, second_deg: own_roll + turned_deg(own_roll, other_roll) });
         // What a later second unit does to the difference: minus the roll rate for every microsecond.
         let neighbours = i.checked_sub(1).and_then(|before| Some((own.get(before)?, own.get(i + 1)?)));
         if let Some((before, after)) = neighbours {
             let step_us = after.time.since(before.time) as f64;
-            let rate_deg_us = wrapped(degrees(after.roll) - degrees(before.roll)) / step_us;
-            let slope_deg = wrapped(other_roll - own_roll);
+            let rate_deg_us = turned_deg(degrees(before.roll), degrees(after.roll)) / step_us;
+            let slope_deg = turned_deg(own_roll, other_roll);
             residuals.push(Residual { seconds, slope_deg, rate_deg_us, ..Residual::default() });
         }
     }
@@ -197,11 +199,10 @@ impl Difference {
     fn of(values: &[f64]) -> Self {
         let count = values.len().max(1) as f64;
         let mean_deg = values.iter().sum::<f64>() / count;
-        let about = values.iter().map(|value| value - mean_deg);
         Self {
             mean_deg,
-            rms_deg: (about.clone().map(|d| d * d).sum::<f64>() / count).sqrt(),
-            most_deg: about.map(f64::abs).fold(0.0, f64::max),
+            rms_deg: deviation(values.iter().copied()),
+            most_deg: values.iter().map(|value| (value - mean_deg).abs()).fold(0.0, f64::max),
         }
     }
 }
@@ -218,7 +219,7 @@ fn at(poses: &[Pose], time: DeviceTime, angle: fn(&Pose) -> f64) -> Option<f64> 
         return None;
     }
     let nodes: Vec<(f64, f64)> =
-        around.iter().map(|pose| (pose.time.since(time) as f64, wrapped(angle(pose) - angle(&around[1])))).collect();
+        around.iter().map(|pose| (pose.time.since(time) as f64, turned_deg(angle(&around[1]), angle(pose)))).collect();
     let sum: f64 = nodes
         .iter()
         .enumerate()
@@ -230,18 +231,13 @@ fn at(poses: &[Pose], time: DeviceTime, angle: fn(&Pose) -> f64) -> Option<f64> 
     Some(angle(&around[1]) + sum)
 }
 
-/// A difference of angles, from -180 to 180 degrees.
-fn wrapped(difference_deg: f64) -> f64 {
-    (difference_deg + 180.0).rem_euclid(360.0) - 180.0
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crossfall_core::protocol::Angle;
 
     fn pose(ms: u64, status: u8) -> Pose {
-        let roll = if status == 1 { Angle::ZERO } else { crate::config::angle_of(1.5) };
+        let roll = if status == 1 { Angle::ZERO } else { crate::units::angle_of(1.5) };
         Pose {
             time: DeviceTime(ms * 1_000),
             latency_us: 0,

@@ -8,8 +8,9 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::matching::{median, place};
+use super::matching::place;
 use super::{Agreement, Drive, Kind, Options};
+use crate::statistics::upper_median;
 use crate::way::Way;
 
 /// One measurement by hand.
@@ -167,14 +168,14 @@ pub fn hold(
         };
         let courses = if placed.forward { &placed.courses[..] } else { &[] };
         let course = courses.iter().find(|c| c.left == measurement.left && c.kind == measurement.kind);
-        let around: Vec<f64> = course
+        let mut around: Vec<f64> = course
             .zip(station_m)
             .map(|(course, at)| {
                 let near = course.samples.iter().filter(|s| (s.station_m - at).abs() <= options.within_m);
                 near.map(|sample| sized(sample.slope_deg)).collect()
             })
             .unwrap_or_default();
-        let (Some(station_m), false) = (station_m, around.is_empty()) else {
+        let (Some(station_m), Some(measured_deg)) = (station_m, upper_median(&mut around)) else {
             unmatched += 1;
             continue;
         };
@@ -184,7 +185,7 @@ pub fn hold(
             slope: measurement.kind,
             manual_deg: sized(measurement.slope_deg),
             scans: around.len(),
-            measured_deg: median(around),
+            measured_deg,
         });
     }
     let of = |wanted: &dyn Fn(Kind) -> bool| {

@@ -2,6 +2,7 @@
 
 use super::{Kind, Options};
 use crate::profiles::Row;
+use crate::statistics::upper_median;
 use crate::way::Way;
 
 /// A slope at a place of the road.
@@ -85,18 +86,12 @@ fn medians(samples: &[Sample], over_m: f64) -> Vec<Sample> {
     let stretch = |sample: &Sample| (sample.station_m / over_m).floor();
     samples
         .chunk_by(|a, b| stretch(a) == stretch(b))
-        .map(|of_stretch| {
-            let slopes = of_stretch.iter().map(|sample| sample.slope_deg).collect();
+        .filter_map(|of_stretch| {
+            let mut slopes: Vec<f64> = of_stretch.iter().map(|sample| sample.slope_deg).collect();
             let station_m = (stretch(&of_stretch[0]) + 0.5) * over_m;
-            Sample { station_m, slope_deg: median(slopes), ci95_deg: None }
+            Some(Sample { station_m, slope_deg: upper_median(&mut slopes)?, ci95_deg: None })
         })
         .collect()
-}
-
-/// The median of values, of which there must be one at least: a value that was measured, the upper of the middle two of an even number.
-pub fn median(mut values: Vec<f64>) -> f64 {
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 /// Each sample of the first with the nearest of the other, shifted along the road by `shift_m`, if it is within `within_m`.

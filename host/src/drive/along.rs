@@ -2,7 +2,7 @@
 //! Pictures and the report share it, so that both have the same axis.
 
 use super::Drive;
-use crate::intervals::median;
+use crate::statistics::median;
 
 /// A vehicle that came no further stood.
 const STOOD_M: f64 = 1.0;
@@ -97,17 +97,7 @@ mod tests {
     use crate::drive::Scan;
 
     fn drive(stations: &[f64]) -> Drive {
-        let scan = |&station_m: &f64| Scan {
-            number: 0,
-            gps_seconds: f64::NAN,
-            station_m,
-            place: [f64::NAN; 3],
-            roll_deg: 0.0,
-            slopes: [(-8.0, 0.1); 4],
-            edges_m: [f32::NAN; 2],
-            flags: Default::default(),
-        };
-        Drive { scans: stations.iter().map(scan).collect(), ..Drive::default() }
+        Drive { scans: (0..).zip(stations).map(|(i, at)| Scan::at(i, *at)).collect(), ..Drive::default() }
     }
 
     #[test]

@@ -18,6 +18,8 @@
 //!
 //! At most [`HELD`] samples are held; beyond (a vehicle that stands) every second one is let go, and so on.
 
+use crate::statistics::median;
+
 /// One standard deviation of the inertial unit's roll in degrees: SPAN's published accuracy.
 pub const ROLL_SD_DEG: f64 = 0.017;
 
@@ -179,17 +181,6 @@ fn line(values: &[f64]) -> Vec<f64> {
     let mut bases: Vec<f64> = values.iter().zip(0..).map(|(value, i)| value - rise * f64::from(i)).collect();
     let base = median(&mut bases).unwrap_or_default();
     (0..).take(values.len()).map(|i| base + rise * f64::from(i)).collect()
-}
-
-/// The median, which leaves the values in another order; the mean of the middle two of an even number, nothing of none.
-pub fn median(values: &mut [f64]) -> Option<f64> {
-    let half = values.len() / 2;
-    if values.is_empty() {
-        return None;
-    }
-    let odd = values.len() % 2 == 1;
-    let (below, &mut middle, _) = values.select_nth_unstable_by(half, f64::total_cmp);
-    Some(if odd { middle } else { (below.iter().copied().fold(f64::MIN, f64::max) + middle) / 2.0 })
 }
 
 #[cfg(test)]

@@ -28,9 +28,10 @@ use super::session::{Heard, RockOrder};
 use super::state::{BoardState, Lamps, MarkerState, Motion, Phase, SourceState, State};
 use super::view::{Section, Strip};
 use crate::calibrate::{self, Estimate, Refusal, Surface};
-use crate::profiles::degrees;
+use crate::intervals::MILE_M;
 use crate::record::{Notice, gist};
 use crate::track::{self, Track};
+use crate::units::{degrees, drift_ppm};
 
 /// Sections are shown no more often: a little faster than the scanner's 37.5 a second.
 const SECTIONS: Duration = Duration::from_millis(24);
@@ -49,9 +50,6 @@ const JUMP_US: i64 = 10_000_000;
 
 /// Markers that viewers are told.
 const MOST_MARKERS: usize = 50;
-
-/// Metres in a mile.
-const MILE_M: f64 = 1_609.344;
 
 /// Slower than this, sections a mile mean nothing: in metres a second.
 const WALKING_M_S: f64 = 0.5;
@@ -193,7 +191,7 @@ impl Model {
             Message::Pose(pose) => self.pose(pose),
             Message::Pulse(pulse) if pulse.verdict != PulseVerdict::Spurious => self.seen.pulse = Some(Instant::now()),
             Message::Clock(clock) => {
-                self.senses.drift_ppm = f64::from(clock.drift) / 4_294.967_296;
+                self.senses.drift_ppm = drift_ppm(clock);
                 self.track.clock(clock);
             }
             Message::Profile(profile) => self.profile(profile),

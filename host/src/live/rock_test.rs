@@ -8,6 +8,7 @@ use crossfall_core::sensors::novatel::Quality;
 use serde::Serialize;
 
 use crate::calibrate::{Drive, Estimate, Gatherer};
+use crate::statistics::{deviation, rms};
 
 /// The most that is kept: two minutes at 37.5 scans a second.
 const MOST_SCANS: usize = 4_500;
@@ -67,7 +68,7 @@ impl Gathering {
             self.last_roll = None;
             return;
         }
-        let now = (pose.time.0 as f64 * 1e-6, crate::profiles::degrees(pose.roll));
+        let now = (pose.time.0 as f64 * 1e-6, crate::units::degrees(pose.roll));
         if let Some((time, roll)) = self.last_roll.replace(now)
             && now.0 > time
         {
@@ -85,16 +86,14 @@ impl Gathering {
     /// What to tell.
     #[must_use]
     pub fn told(&self) -> RockTest {
-        let square = self.rates.iter().map(|rate| rate * rate).sum::<f64>();
         let count = self.residuals.len() as f64;
         let mean = self.residuals.iter().sum::<f64>() / count;
-        let spread = self.residuals.iter().map(|residual| (residual - mean).powi(2)).sum::<f64>() / count;
         RockTest {
             running: true,
             scans: self.gatherer.scans(),
             enough: LEAST_SCANS,
-            roll_rate_deg_s: (square / self.rates.len().max(1) as f64).sqrt(),
-            residual_deg: (count > 0.0).then(|| (mean, spread.sqrt())),
+            roll_rate_deg_s: rms(self.rates.iter().copied()),
+            residual_deg: (count > 0.0).then(|| (mean, deviation(self.residuals.iter().copied()))),
             ..RockTest::default()
         }
     }

@@ -2,19 +2,18 @@
 
 use crossfall_core::protocol::message::Fix;
 
+use crate::geodesy::Plane;
+
 /// Knots kept.
 const MOST: usize = 2_048;
 
 /// Way between knots at first, in metres.
 const FIRST_STEP_M: f64 = 2.0;
 
-/// Mean radius of the earth in metres: a sketch needs no ellipsoid.
-const EARTH_M: f64 = 6_371_000.0;
-
 /// See the module.
 #[derive(Clone, Debug)]
 pub struct Sketch {
-    origin: Option<(f64, f64)>,
+    plane: Option<Plane>,
     /// East, north, station in metres.
     knots: Vec<[f32; 3]>,
     step_m: f64,
@@ -25,19 +24,16 @@ pub struct Sketch {
 
 impl Default for Sketch {
     fn default() -> Self {
-        Self { origin: None, knots: Vec::new(), step_m: FIRST_STEP_M, last_m: f64::NEG_INFINITY, epoch: 0 }
+        Self { plane: None, knots: Vec::new(), step_m: FIRST_STEP_M, last_m: f64::NEG_INFINITY, epoch: 0 }
     }
 }
 
 impl Sketch {
     /// The vehicle is here. Says where that is on the sketch, in metres east and north.
     pub fn push(&mut self, fix: &Fix, station_m: f64) -> [f32; 2] {
-        let (latitude, longitude) = (fix.latitude_ndeg as f64 * 1e-9, fix.longitude_ndeg as f64 * 1e-9);
-        let (from_latitude, from_longitude) = *self.origin.get_or_insert((latitude, longitude));
-        let turned = (longitude - from_longitude + 180.0).rem_euclid(360.0) - 180.0;
-        let east = turned.to_radians() * EARTH_M * from_latitude.to_radians().cos();
-        let north = (latitude - from_latitude).to_radians() * EARTH_M;
-        let place = [east as f32, north as f32];
+        let degrees = |ndeg: i64| ndeg as f64 * 1e-9;
+        let here = [degrees(fix.latitude_ndeg), degrees(fix.longitude_ndeg), f64::from(fix.height_mm) * 1e-3];
+        let place = self.plane.get_or_insert_with(|| Plane::at(here)).metres(here).map(|metres| metres as f32);
         if station_m - self.last_m >= self.step_m {
             self.last_m = station_m;
             if self.knots.len() == MOST {

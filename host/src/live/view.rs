@@ -6,8 +6,8 @@
 use crossfall_core::protocol::message::{Profile, Side, Slope};
 use crossfall_core::scan::Points;
 
-use crate::profiles::degrees;
 use crate::section::height_at_sensor;
+use crate::units::{degrees, metres_f32 as metres};
 
 /// First byte of a section.
 pub const SECTION: u8 = 1;
@@ -71,8 +71,7 @@ impl Section {
     /// The section of a scan's levelled points and its profile.
     #[must_use]
     pub fn new(profile: &Profile, points: &Points) -> Self {
-        let points: Vec<Place> =
-            points.iter().map(|echo| (echo.point.y_um as f32 * 1e-6, echo.point.z_um as f32 * 1e-6)).collect();
+        let points: Vec<Place> = points.iter().map(|echo| (metres(echo.point.y_um), metres(echo.point.z_um))).collect();
         let side = |side: &Side, left: bool| SideView {
             road: side.road.and_then(|angle| {
                 let edge = side.edge.map_or(if left { 3.0 } else { -3.0 }, |edge| metres(edge.y_um));
@@ -121,10 +120,6 @@ impl Section {
         }
         out
     }
-}
-
-fn metres(micrometres: i32) -> f32 {
-    micrometres as f32 * 1e-6
 }
 
 fn of_slope(slope: &Slope, left: bool, points: &[Place]) -> Option<Piece> {

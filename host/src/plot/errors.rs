@@ -5,6 +5,7 @@ use plotters::prelude::*;
 
 use super::axes::svg;
 use super::{Error, Theme, signed, text};
+use crate::statistics::rms;
 
 const SIZE: (u32, u32) = (1200, 660);
 
@@ -48,7 +49,7 @@ fn draw(
             bars[(place as usize).min(BARS - 1)] += 1;
         }
         let count = errors.len().max(1) as f64;
-        let rms = (errors.iter().map(|e| e * e).sum::<f64>() / count).sqrt();
+        let rms = rms(errors.iter().copied());
         let mean = errors.iter().sum::<f64>() / count;
         let tallest = f64::from(bars.iter().copied().max().unwrap_or_default().max(1));
         let mut chart = ChartBuilder::on(panel)

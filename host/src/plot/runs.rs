@@ -6,6 +6,7 @@ use plotters::prelude::*;
 use super::axes::{across_road, names_in_row, span, svg};
 use super::{Error, Theme, signed, text};
 use crate::section::{Place, Section};
+use crate::statistics::upper_median;
 
 const SIZE: (u32, u32) = (1200, 560);
 
@@ -58,7 +59,6 @@ fn draw(
 /// Heights from the median of the returns within a metre of straight down.
 fn from_road(places: &[Place]) -> Vec<Place> {
     let mut under: Vec<f64> = places.iter().filter(|place| place.0.abs() < 1.0).map(|place| place.1).collect();
-    under.sort_by(f64::total_cmp);
-    let road = under.get(under.len() / 2).copied().unwrap_or_default();
+    let road = upper_median(&mut under).unwrap_or_default();
     places.iter().map(|&(y, z)| (y, z - road)).collect()
 }

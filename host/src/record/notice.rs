@@ -6,8 +6,9 @@ use crossfall_core::protocol::Config;
 use crossfall_core::protocol::schema;
 
 use super::SILENCE;
-use crate::config::{degrees_of, to_toml};
+use crate::config::to_toml;
 use crate::log::PARTS;
+use crate::units::degrees;
 
 /// What the user should be told while the recording goes on.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -159,7 +160,7 @@ pub(crate) fn gist(config: &Config) -> String {
 }
 
 fn offset(config: &Config) -> f64 {
-    degrees_of(config.scanner.mounting_offset)
+    degrees(config.scanner.mounting_offset)
 }
 
 fn delay(config: &Config) -> f64 {
@@ -188,7 +189,7 @@ fn changes(before: &Config, now: &Config) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::angle_of;
+    use crate::units::angle_of;
     use crossfall_core::protocol::config::Method;
 
     #[test]

@@ -106,14 +106,9 @@ mod tests {
             };
             let slope = |flags: u16| if flags == 0 { (-8.0, 0.1) } else { (-30.0, 0.1) };
             Scan {
-                number,
-                gps_seconds: f64::NAN,
-                station_m: f64::from(number),
-                place: [f64::NAN; 3],
-                roll_deg: 0.0,
                 slopes: [slope(left), (f32::NAN, f32::NAN), slope(right), (7.0, 0.1)],
-                edges_m: [3.5, -3.5],
                 flags: [left, right],
+                ..Scan::at(number, f64::from(number))
             }
         });
         let drive = Drive { scans: scans.collect(), ..Drive::default() };

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::bins::{Bins, round_length};
 use super::strip::thousands;
-use crate::geodesy::{Geodetic, metres_per_degree};
+use crate::geodesy::{Geodetic, Plane};
 
 const WIDTH: f64 = 480.0;
 const HEIGHT: f64 = 360.0;
@@ -14,8 +14,7 @@ const MARGIN: f64 = 34.0;
 pub struct Map {
     /// It.
     pub svg: String,
-    origin: Geodetic,
-    per_degree: [f64; 2],
+    plane: Plane,
     centre_m: [f64; 2],
     scale: f64,
 }
@@ -23,28 +22,24 @@ pub struct Map {
 impl Map {
     /// Where a place lies on the paper.
     pub fn on_paper(&self, place: Geodetic) -> [f64; 2] {
-        let [east, north] = metres(self.origin, self.per_degree, place);
+        let [east, north] = self.plane.metres(place);
         let x = WIDTH / 2.0 + (east - self.centre_m[0]) * self.scale;
         let y = HEIGHT / 2.0 - (north - self.centre_m[1]) * self.scale;
         [(x * 10.0).round() / 10.0, (y * 10.0).round() / 10.0]
     }
 }
 
-/// Metres east and north on a plane that touches the earth at the origin: for a picture, good to a pixel over a hundred miles.
-fn metres(origin: Geodetic, [per_latitude, per_longitude]: [f64; 2], place: Geodetic) -> [f64; 2] {
-    let turn = (place[1] - origin[1] + 180.0).rem_euclid(360.0) - 180.0;
-    [turn * per_longitude, (place[0] - origin[0]) * per_latitude]
-}
-
 /// Draws the trace.
 pub fn draw(bins: &Bins) -> Map {
     let places: Vec<_> = bins.list.iter().filter_map(|bin| bin.place).collect();
-    let mut map = Map { svg: String::new(), origin: [0.0; 3], per_degree: [1.0; 2], centre_m: [0.0; 2], scale: 1.0 };
+    // Where there are no places, nothing is asked of the plane.
+    let plane = Plane::at(places.get(places.len() / 2).copied().unwrap_or_default());
+    let mut map = Map { svg: String::new(), plane, centre_m: [0.0; 2], scale: 1.0 };
     let _ = write!(
         map.svg,
         "<svg id=\"map\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"Trace of the drive\">"
     );
-    let Some(&middle) = places.get(places.len() / 2) else {
+    if places.is_empty() {
         let _ = write!(
             map.svg,
             "<text class=\"none\" text-anchor=\"middle\" x=\"{}\" y=\"{}\">no position in this log</text></svg>",
@@ -52,12 +47,10 @@ pub fn draw(bins: &Bins) -> Map {
             HEIGHT / 2.0
         );
         return map;
-    };
-    map.origin = middle;
-    map.per_degree = metres_per_degree(middle);
+    }
     let (mut low, mut high) = ([f64::MAX; 2], [f64::MIN; 2]);
     for place in &places {
-        for (axis, value) in metres(map.origin, map.per_degree, *place).into_iter().enumerate() {
+        for (axis, value) in map.plane.metres(*place).into_iter().enumerate() {
             low[axis] = low[axis].min(value);
             high[axis] = high[axis].max(value);
         }

@@ -14,8 +14,11 @@ const WIDTH: f64 = 1_000.0;
 const PANEL: f64 = 118.0;
 const GAP: f64 = 22.0;
 
+/// A slope of 1:4 in degrees.
+pub const ONE_IN_FOUR_DEG: f64 = 14.036;
+
 /// Slopes that road design knows by their ratio (AASHTO, Roadside Design Guide): recoverable up to 1:4, traversable up to 1:3.
-const RATIOS: [(f64, &str); 2] = [(14.036, "1:4"), (18.435, "1:3")];
+const RATIOS: [(f64, &str); 2] = [(ONE_IN_FOUR_DEG, "1:4"), (18.435, "1:3")];
 
 /// Draws the strips.
 pub fn draw(bins: &Bins) -> String {

@@ -2,11 +2,12 @@
 
 use std::fmt::Write;
 
-use super::{escaped, strip::thousands};
+use super::escaped;
+use super::strip::{ONE_IN_FOUR_DEG, thousands};
 use crate::calendar::{Date, unix_of_gps};
 use crate::drive::{Drive, SLOPES, Unit};
 use crate::intervals::{MILE_M, Sample, Samples};
-use crate::profiles::degrees;
+use crate::units::{degrees, metres};
 
 /// One line under the title: when, where, how far, with what.
 pub fn subtitle(drive: &Drive) -> String {
@@ -97,7 +98,7 @@ pub fn miles(drive: &Drive) -> String {
         for (slope, (samples, steep)) in mile.slopes.iter_mut().enumerate() {
             let Some((value, ci95)) = scan.reliable(slope) else { continue };
             samples.push(Sample::new(value, ci95, scan.station_m));
-            *steep += u64::from(value.abs() > 14.036);
+            *steep += u64::from(value.abs() > ONE_IN_FOUR_DEG);
         }
     }
     for (mile, Mile { scans, left_out, slopes }) in (first..).zip(&sorted) {
@@ -203,7 +204,6 @@ pub fn calibration(drive: &Drive) -> String {
     let config = &drive.config;
     let [forward, left, up] = config.ins.lever_arm_mm;
     let limits = config.survey.limits;
-    let metres = |um: i32| f64::from(um) * 1e-6;
     let rows = [
         ("mounting offset of the scanner", format!("{:.4}\u{b0}", degrees(config.scanner.mounting_offset))),
         ("delay of the scanner", format!("{:.3} ms", f64::from(config.scanner.delay_us) / 1e3)),
@@ -231,14 +231,9 @@ mod tests {
 
     fn drive(stations: impl Iterator<Item = f64>) -> Drive {
         let scan = |(number, station_m)| Scan {
-            number,
             gps_seconds: 160_203.0,
-            station_m,
-            place: [f64::NAN; 3],
-            roll_deg: 0.0,
             slopes: [(-8.0, 0.1); 4],
-            edges_m: [f32::NAN; 2],
-            flags: Default::default(),
+            ..Scan::at(number, station_m)
         };
         Drive { scans: (0..).zip(stations).map(scan).collect(), gps_week: Some(1_820), ..Drive::default() }
     }

@@ -14,6 +14,7 @@ use crate::output;
 use crate::plot::{self, Twice, Words};
 use crate::simulate::noise::{Noise, Purpose};
 use crate::simulate::scene::{Interpolation, Mode, Scene, Station, StationSide};
+use crate::statistics::rms;
 
 /// Two boards end to end, and a board's width along the road, in metres.
 const LENGTH_M: f64 = 2.0 * 1.016;
@@ -88,7 +89,7 @@ pub fn run(bench: &Bench, report: &mut Report) -> Result<(), Error> {
             let one = limit::slope_deg(&row.section, true, Kind::Adjacent, range_noise_mm * 1e-3, 1.0);
             one * (core::f64::consts::FRAC_PI_2 / scans).sqrt()
         });
-        let ranges = super::rms(bounds);
+        let ranges = rms(bounds);
         let reading = RESOLUTION_DEG / 12_f64.sqrt();
         let deviation = ranges.hypot(scene.ins.attitude_drift_deg).hypot(reading);
         let found = |held: &manual::Manual| held.all.matched as f64 / boards.len() as f64;

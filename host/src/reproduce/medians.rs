@@ -15,6 +15,7 @@ use crate::output;
 use crate::plot::{self, Twice, Words};
 use crate::simulate::scene::{Random, Scene, Surface, Vegetation};
 use crate::simulate::{surface, truth};
+use crate::statistics::rms;
 
 /// From one measurement by hand to the next.
 const APART_M: f64 = 10.0;
@@ -83,7 +84,7 @@ pub fn run(bench: &Bench, report: &mut Report) -> Result<(), Error> {
             .step_by(20)
             .flat_map(|row| Kind::BOTH.map(|k| limit::slope_deg(&row.section, true, k, sigma_m, GROUND_SHARE)))
             .collect();
-        let one = super::rms(bounds.iter().copied()).hypot(scene.ins.attitude_drift_deg);
+        let one = rms(bounds.iter().copied()).hypot(scene.ins.attitude_drift_deg);
         let by_hand = by_position.iter().map(|d| d.abs()).sum::<f64>() / by_position.len().max(1) as f64;
         let mut line = |quantity: &str, paper, values: [f64; 2], limit| {
             report.lines.push(Line {

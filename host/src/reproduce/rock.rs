@@ -4,7 +4,7 @@ use super::pipeline::Bench;
 use super::{Error, Line, Picture, RANGE_NOISE_MM, Report, limit};
 use crate::calibrate::{self, Drive, Estimate, Sample, Surface};
 use crate::plot::{self, Courses};
-use crate::simulate::scene::{Oscillation, Scene};
+use crate::simulate::scene::Scene;
 use crossfall_core::protocol::Config;
 
 /// What the simulated scanner is mounted and delayed by.
@@ -17,19 +17,11 @@ const REACH_M: f64 = 4.0;
 
 /// The scene of a rock test.
 fn scene(bench: &Bench, range_noise_mm: f64) -> Scene {
-    let mut scene = Scene::default();
+    let mut scene = Scene::rock_test(OFFSET_DEG, DELAY_US);
     scene.drive.seed = bench.seed;
     scene.drive.seconds = bench.seconds(60.0);
-    scene.drive.speed_m_s = 0.0;
-    scene.vehicle.roll = vec![Oscillation { amplitude_deg: 2.0, frequency_hz: 1.0 }];
-    scene.vehicle.pitch = Vec::new();
-    scene.scanner.mounting_offset_deg = OFFSET_DEG;
-    scene.scanner.delay_us = DELAY_US;
     scene.scanner.range_noise_mm = range_noise_mm;
     scene.sections.random.height_m = [HEIGHT_M; 2];
-    scene.sections.random.cross_slope_deg = [0.0; 2];
-    scene.sections.random.left_edge_m = [4.0; 2];
-    scene.sections.random.road_width_m = [8.0; 2];
     scene
 }
 

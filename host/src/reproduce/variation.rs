@@ -7,11 +7,12 @@ use super::medians::{self, Judged};
 use super::pipeline::{BOTH_METHODS, Bench};
 use super::surface_truth::{INCLINOMETER_M, TrueSlope, surface};
 use super::{Error, Line, Picture, Report};
-use crate::calibrate::statistics::{deviation, line_slope};
+use crate::calibrate::statistics::line_slope;
 use crate::compare::{Drive, Kind};
 use crate::plot::{self, Across};
 use crate::section;
 use crate::simulate::scene::Vegetation;
+use crate::statistics::{deviation, rms};
 use crossfall_core::protocol::Config;
 
 const RANGE_NOISE_MM: f64 = 3.5;
@@ -96,9 +97,9 @@ pub fn run(bench: &Bench, report: &mut Report) -> Result<(), Error> {
     line("the whole slope of that section by one scan: error", whole_error, Some(0.0));
     let sd = |list: &[(f64, f64)]| deviation(list.iter().map(|at| at.1));
     line("along 100 m of road: sd; limit is the truth", sd(&shown.along), Some(sd(&shown.along_truth)));
-    line("along 100 m of road: RMS error of one scan", super::rms(errors), None);
+    line("along 100 m of road: RMS error of one scan", rms(errors), None);
     let judged = Judged::of(&drive, truth, &surface);
-    line("the same over the stretch that is reported, both slopes", super::rms(judged.stretch.iter().copied()), None);
+    line("the same over the stretch that is reported, both slopes", rms(judged.stretch.iter().copied()), None);
     strong(bench, report)?;
     let note = "undulating ground without grass, 3.5 mm range noise; above: one slope in pieces of an inclinometer\u{2019}s length";
     report.pictures.push(Picture::new(

@@ -33,6 +33,24 @@ pub struct Scene {
     pub vegetation: Vegetation,
 }
 
+impl Scene {
+    /// A rock test: the vehicle is rocked by two degrees once a second while it stands on ground that is level as far as the calibration looks;
+    /// its scanner is mounted and delayed by so much.
+    #[must_use]
+    pub fn rock_test(mounting_offset_deg: f64, delay_us: f64) -> Self {
+        let mut scene = Self::default();
+        scene.drive.speed_m_s = 0.0;
+        scene.vehicle.roll = vec![Oscillation { amplitude_deg: 2.0, frequency_hz: 1.0 }];
+        scene.vehicle.pitch = Vec::new();
+        scene.scanner.mounting_offset_deg = mounting_offset_deg;
+        scene.scanner.delay_us = delay_us;
+        scene.sections.random.cross_slope_deg = [0.0; 2];
+        scene.sections.random.left_edge_m = [4.0; 2];
+        scene.sections.random.road_width_m = [8.0; 2];
+        scene
+    }
+}
+
 /// How long, how fast, where.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(default, deny_unknown_fields)]

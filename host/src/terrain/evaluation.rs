@@ -13,6 +13,7 @@ use super::conventional::Conventional;
 use super::drive::{SimulatedFrame, TerrainScene};
 use super::mapper::{Mapper, Workshop};
 use crate::interrupt;
+use crate::statistics::upper_median;
 
 /// Distances judged, m.
 pub const DISTANCES: std::ops::RangeInclusive<u32> = 8..=75;
@@ -57,8 +58,7 @@ impl CurbCurve {
             *share /= maps.max(1) as f64;
         }
         for gaps in &mut self.gaps {
-            gaps.sort_by(f64::total_cmp);
-            self.gap_m.push(gaps.get(gaps.len() / 2).copied().unwrap_or(f64::INFINITY));
+            self.gap_m.push(upper_median(gaps).unwrap_or(f64::INFINITY));
         }
     }
 
@@ -148,8 +148,7 @@ pub fn judge(scene: &TerrainScene, judged: u32, conventional: Option<Conventiona
     out.bumps = bumps(scene, &mapper, station);
     out.elevation_rms_m = elevation_rms(scene, &mapper, station);
     out.curb_told = curb_told(scene, &mapper, station);
-    times.sort_by(f64::total_cmp);
-    out.frame_ms = times.get(times.len() / 2).copied().unwrap_or(0.0);
+    out.frame_ms = upper_median(&mut times).unwrap_or(0.0);
     Ok(out)
 }
 

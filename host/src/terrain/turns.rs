@@ -18,6 +18,7 @@ use super::frames::{Error, MOST_POINTS};
 use super::lidar::SensorPose;
 use super::poses::Poses;
 use super::velodyne::{self, PACKET, Refusal, Return};
+use crate::geodesy::turned_deg;
 
 /// Largest block of a capture: a packet and its header are far below.
 const BUFFER: usize = 1 << 20;
@@ -233,8 +234,7 @@ impl Turn {
         match self.last {
             None => self.begun_s = time,
             Some(last) => {
-                let step = (seen.azimuth_deg - last + 180.0).rem_euclid(360.0) - 180.0;
-                self.turned += step;
+                self.turned += turned_deg(last, seen.azimuth_deg);
                 // Across 0 by less than half a turn.
                 if (last > 270.0) != (seen.azimuth_deg > 270.0) && (last < 90.0) != (seen.azimuth_deg < 90.0) {
                     self.forward_s = self.forward_s.or(Some(time));

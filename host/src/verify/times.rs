@@ -3,6 +3,8 @@
 use crossfall_core::protocol::DeviceTime;
 use crossfall_core::protocol::message::{Message, Pose};
 
+use crate::units::drift_ppm;
+
 /// A crystal is good to 100 ppm over temperature; beyond this it is no crystal, or no second.
 const MAX_DRIFT_PPM: f64 = 500.0;
 
@@ -88,7 +90,7 @@ impl Times {
             Message::Status(status) => self.advance(Kind::Status, "status", status.time, problems),
             Message::Profile(profile) => self.advance(Kind::Profile, "profile", profile.time, problems),
             Message::Clock(clock) => {
-                let ppm = f64::from(clock.drift) / 4_294.967_296;
+                let ppm = drift_ppm(clock);
                 if ppm.abs() > MAX_DRIFT_PPM {
                     problems.push(format!("implausible clock: {ppm:.0} ppm against GPS"));
                 }

@@ -14,7 +14,7 @@ use crossfall::live::player::Player;
 use crossfall::live::{Live, Source};
 use crossfall::record::Device;
 use crossfall::serve::{Access, serve};
-use crossfall::simulate::scene::{Oscillation, Scene};
+use crossfall::simulate::scene::Scene;
 use crossfall::stream::{Item, Stream};
 use crossfall::{capture, log, run, simulate};
 use crossfall_core::protocol::Config;
@@ -52,13 +52,8 @@ fn drives() -> &'static Drives {
         run::run(&mut capture::Reader::open(&capture).unwrap(), &Config::default(), &mut log, |_| ()).unwrap();
         log.finish().unwrap();
 
+        let mut scene = Scene::rock_test(ROCK_OFFSET_DEG, ROCK_DELAY_US);
         scene.drive.seconds = 22.0;
-        scene.drive.speed_m_s = 0.0;
-        scene.vehicle.roll = vec![Oscillation { amplitude_deg: 2.0, frequency_hz: 1.0 }];
-        scene.vehicle.pitch = Vec::new();
-        scene.scanner.mounting_offset_deg = ROCK_OFFSET_DEG;
-        scene.scanner.delay_us = ROCK_DELAY_US;
-        scene.sections.random.cross_slope_deg = [0.0, 0.0];
         write(&scene, &rock_test);
         Drives { _folder: folder, capture, log: log_path, rock_test }
     })

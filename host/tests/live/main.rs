@@ -3,13 +3,15 @@
 mod bench;
 mod browser;
 mod devtools;
+#[path = "../program/mod.rs"]
+mod program;
 mod report;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::thread;
 use std::time::Duration;
 
@@ -17,8 +19,9 @@ use bench::{Bench, Viewer, await_that, http, marker_labels};
 use crossfall::live::{Live, Phase, Source};
 use crossfall::serve::Access;
 use crossfall::simulate::scene::Scene;
-use crossfall::{config, verify};
+use crossfall::{config, units, verify};
 use crossfall_core::protocol::Config;
+use program::crossfall;
 use serde_json::{Value, json};
 
 #[test]
@@ -210,12 +213,8 @@ fn a_replay_that_has_ended_begins_again_unless_it_is_recorded() {
 #[test]
 fn recordings_without_a_frame_end_the_server_with_3() {
     let folder = tempfile::tempdir().unwrap();
-    let mut server = Command::new(env!("CARGO_BIN_EXE_crossfall"))
-        .args(["serve", "--device", "tcp:127.0.0.1:1", "--listen", "127.0.0.1:0"])
-        .current_dir(folder.path())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let serve = ["serve", "--device", "tcp:127.0.0.1:1", "--listen", "127.0.0.1:0"];
+    let mut server = crossfall(folder.path(), &serve).spawn().unwrap();
     let mut told = BufReader::new(server.stderr.take().unwrap());
     let mut line = String::new();
     told.read_line(&mut line).unwrap();
@@ -397,7 +396,7 @@ fn a_board_that_restarts_is_told_again_what_the_page_has_put_in_force() {
 #[test]
 fn a_board_is_given_its_configuration_when_it_is_plugged_in_and_when_it_restarts() {
     let mut config = Config::default();
-    config.scanner.mounting_offset = config::angle_of(0.8);
+    config.scanner.mounting_offset = units::angle_of(0.8);
     let bench = Bench::on_absent_board_with(Some(config));
     let mut viewer = Viewer::join(bench.address);
     viewer.until_state(|state| state["lamps"]["link"]["light"] == "bad");

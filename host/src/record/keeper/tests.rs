@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::*;
-use crate::config::angle_of;
+use crate::units::angle_of;
 use crossfall_core::protocol::frame::{BoardDecoder, Event};
 use crossfall_core::protocol::message::{Hello, Status};
 
