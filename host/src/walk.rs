@@ -190,6 +190,6 @@ impl Step<'_> {
     }
 }
 
-fn places(points: &Points) -> Vec<Place> {
+pub(crate) fn places(points: &Points) -> Vec<Place> {
     points.iter().map(|echo| (f64::from(echo.point.y_um) * 1e-6, f64::from(echo.point.z_um) * 1e-6)).collect()
 }
