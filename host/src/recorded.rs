@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
+use crate::capture;
 use crate::container::Error;
 use crate::stream::Stream;
-use crate::capture;
 
 /// What was recorded, opened.
 pub enum Recorded {

@@ -168,7 +168,8 @@ mod tests {
         let points: Vec<Place> = (0..50).map(|i| f64::from(i) * 0.1).map(|y| (-3.0 - y, -2.0 - 0.1 * y)).collect();
         let hinge = |y_um| Hinge { y_um, ..Hinge::default() };
         let (angle, ci95) = (Angle::from_microdegrees(-5_710_593), Angle::from_microdegrees(100_000));
-        let slope = |start, end| Slope { angle, ci95, points: 40, start: hinge(start), end: hinge(end), ..Slope::default() };
+        let slope =
+            |start, end| Slope { angle, ci95, points: 40, start: hinge(start), end: hinge(end), ..Slope::default() };
         // Of a road without an edge no end is known; nothing lies where the opposing slope is said to be.
         let (adjacent, opposing) = (Some(slope(-3_000_000, -7_000_000)), Some(slope(-9_000_000, -10_000_000)));
         let side = Side { road: Some(angle), adjacent, opposing, ..Side::default() };

@@ -4,6 +4,7 @@ mod bench;
 mod browser;
 mod devtools;
 mod report;
+mod server;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
