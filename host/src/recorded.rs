@@ -7,6 +7,7 @@ use crate::container::Error;
 use crate::stream::Stream;
 
 /// What was recorded, opened.
+#[expect(clippy::large_enum_variant, reason = "one at a time, on its way to who reads it")]
 pub enum Recorded {
     /// Sensor bytes.
     Capture(capture::Reader),

@@ -42,10 +42,10 @@ pub struct RockTest {
 
 /// The test under way, or the one before.
 #[derive(Default)]
-pub struct RockTests(Phase);
+pub struct RockTests(Stage);
 
 #[derive(Default)]
-enum Phase {
+enum Stage {
     #[default]
     None,
     Gathering(Box<Gathering>),
@@ -58,8 +58,8 @@ impl RockTests {
     /// Does what the operator asks; a test begins with the configuration in force.
     pub fn order(&mut self, order: RockOrder, config: Config) {
         self.0 = match (order, std::mem::take(&mut self.0)) {
-            (RockOrder::Begin, _) => Phase::Gathering(Box::new(Gathering::new(config))),
-            (RockOrder::End, Phase::Gathering(gathering)) => {
+            (RockOrder::Begin, _) => Stage::Gathering(Box::new(Gathering::new(config))),
+            (RockOrder::End, Stage::Gathering(gathering)) => {
                 let scans = gathering.told().scans;
                 let (tell, told) = channel();
                 // Seconds of work: not here. What cannot be told shows as an estimate that never came.
@@ -69,49 +69,49 @@ impl RockTests {
                     let _gone = tell.send(found);
                 });
                 drop(spawned);
-                Phase::Estimating(scans, told)
+                Stage::Estimating(scans, told)
             }
             (RockOrder::End, other) => other,
-            (RockOrder::Cancel, _) => Phase::None,
+            (RockOrder::Cancel, _) => Stage::None,
         };
     }
 
     /// The next scan.
     pub fn scan(&mut self, scan: &RawScan) {
-        if let Phase::Gathering(gathering) = &mut self.0 {
+        if let Stage::Gathering(gathering) = &mut self.0 {
             gathering.gatherer.scan(scan);
         }
     }
 
     /// The next pose.
     pub fn pose(&mut self, pose: &Pose) {
-        if let Phase::Gathering(gathering) = &mut self.0 {
+        if let Stage::Gathering(gathering) = &mut self.0 {
             gathering.pose(pose);
         }
     }
 
     /// The tilt of the levelled road in the next profile, in degrees to the left.
     pub fn residual(&mut self, degrees: f64) {
-        if let Phase::Gathering(gathering) = &mut self.0 {
+        if let Stage::Gathering(gathering) = &mut self.0 {
             gathering.residual(degrees);
         }
     }
 
     /// Time has jumped: no test goes on over that.
     pub fn break_off(&mut self) {
-        if matches!(self.0, Phase::Gathering(_)) {
+        if matches!(self.0, Stage::Gathering(_)) {
             let refusal = Some("time has jumped, and what came before is of no use: begin the test again".to_owned());
-            self.0 = Phase::Done(Box::new(RockTest { refusal, ..RockTest::default() }));
+            self.0 = Stage::Done(Box::new(RockTest { refusal, ..RockTest::default() }));
         }
     }
 
     /// What to tell.
     pub fn told(&mut self) -> Option<RockTest> {
         match &self.0 {
-            Phase::None => None,
-            Phase::Gathering(gathering) => Some(gathering.told()),
-            Phase::Done(test) => Some((**test).clone()),
-            Phase::Estimating(scans, told) => {
+            Stage::None => None,
+            Stage::Gathering(gathering) => Some(gathering.told()),
+            Stage::Done(test) => Some((**test).clone()),
+            Stage::Estimating(scans, told) => {
                 let test = RockTest { scans: *scans, ..RockTest::default() };
                 let found = match told.try_recv() {
                     Ok(found) => found,
@@ -122,7 +122,7 @@ impl RockTests {
                     Ok(estimate) => RockTest { estimate: Some(estimate), ..test },
                     Err(refusal) => RockTest { refusal: Some(refusal), ..test },
                 };
-                self.0 = Phase::Done(Box::new(done.clone()));
+                self.0 = Stage::Done(Box::new(done.clone()));
                 Some(done)
             }
         }
