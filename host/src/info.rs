@@ -13,6 +13,7 @@ use crate::capture::{Channel, Chunk, Reader};
 use crate::container::Error;
 use crate::interrupt;
 use crate::log;
+use crate::recorded::Recorded;
 use crate::scanner::{self, Family};
 use crate::stream::{Item, Stream};
 use crate::totals::Totals;
@@ -44,17 +45,9 @@ pub struct Info {
 /// # Errors
 /// When the file cannot be read or is neither.
 pub fn look(path: &Path) -> Result<Info, Error> {
-    match Reader::open(path) {
-        Ok(capture) => look_at_capture(capture),
-        // A damaged log is no capture for more reasons than one.
-        Err(no_capture) => match (Stream::open(path), no_capture) {
-            (Ok(log), _) => look_at_log(log),
-            (Err(Error::Content { path, .. }), Error::Content { .. }) => {
-                let what = "neither a capture (channels lidar, ins, pps) nor a log (channel wire)".to_owned();
-                Err(Error::Content { path, what })
-            }
-            (Err(Error::Content { .. }), error) | (Err(error), _) => Err(error),
-        },
+    match Recorded::open(path)? {
+        Recorded::Capture(capture) => look_at_capture(capture),
+        Recorded::Log(log) => look_at_log(log),
     }
 }
 

@@ -99,6 +99,7 @@ pub mod output;
 pub mod plot;
 pub mod profiles;
 pub mod record;
+mod recorded;
 pub mod recover;
 pub mod replay;
 pub mod report;

@@ -12,6 +12,7 @@
 //! sequence numbers. The receive time is that of the read that brought a frame's last byte: the system's clock at the start plus monotonic
 //! time since, so a clock that is set during the drive does not move it (a host that sleeps is not counted).
 
+mod amiss;
 mod buffer;
 mod device;
 mod keeper;
@@ -29,6 +30,7 @@ use crossfall_core::protocol::Config;
 
 use crate::output;
 use crate::totals::Totals;
+pub(crate) use amiss::Amiss;
 pub use buffer::CAPACITY;
 use buffer::{Buffer, Event, Taken};
 pub(crate) use device::connect;

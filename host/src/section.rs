@@ -50,6 +50,8 @@ pub struct Fitted {
     pub slope_deg: f64,
     /// Half width of its 95 % interval; absent where the method gives none.
     pub ci95_deg: Option<f64>,
+    /// Points that support it; 0 for a road.
+    pub points: u16,
 }
 
 impl Fitted {
@@ -88,19 +90,19 @@ pub fn lines(profile: &Profile, points: &[Place]) -> Vec<Fitted> {
 }
 
 fn of_side(side: &Side, left: bool, points: &[Place], room: &mut Vec<f64>) -> [Option<Fitted>; 3] {
-    let mut through = |part: Part, slope_deg: f64, ci95_deg: Option<f64>, from: f64, to: f64| {
+    let mut through = |part: Part, slope_deg: f64, from: f64, to: f64| {
         let rise = slope_deg.to_radians().tan() * if left { 1.0 } else { -1.0 };
-        let base = height_at_sensor(points.iter().copied(), rise, (from, to), room)?;
+        let base = height_at_sensor(points, rise, (from, to), room)?;
         let place = |y: f64| (y, base + rise * y);
-        Some(Fitted { part, left, inner: place(from), outer: place(to), slope_deg, ci95_deg })
+        Some(Fitted { part, left, inner: place(from), outer: place(to), slope_deg, ci95_deg: None, points: 0 })
     };
     let road = side.road.zip(side.edge);
-    let road = road.and_then(|(slope, edge)| through(Part::Road, degrees(slope), None, 0.0, metres(edge.y_um)));
+    let road = road.and_then(|(slope, edge)| through(Part::Road, degrees(slope), 0.0, metres(edge.y_um)));
     let mut slope = |part: Part, slope: Option<Slope>| {
         let slope = slope?;
         let ci95 = degrees(slope.ci95);
-        let (from, to) = (metres(slope.start.y_um), metres(slope.end.y_um));
-        through(part, degrees(slope.angle), (ci95 > 0.0).then_some(ci95), from, to)
+        let fitted = through(part, degrees(slope.angle), metres(slope.start.y_um), metres(slope.end.y_um))?;
+        Some(Fitted { ci95_deg: (ci95 > 0.0).then_some(ci95), points: slope.points, ..fitted })
     };
     let adjacent = slope(Part::Adjacent, side.adjacent);
     [road, adjacent, slope(Part::Opposing, side.opposing)]
@@ -108,15 +110,10 @@ fn of_side(side: &Side, left: bool, points: &[Place], room: &mut Vec<f64>) -> [O
 
 /// The height under the sensor of a line whose rise to the left is known: the median of what the points between two lateral distances make of it;
 /// nothing without points.
-pub(crate) fn height_at_sensor(
-    points: impl Iterator<Item = Place>,
-    rise: f64,
-    (from, to): (f64, f64),
-    room: &mut Vec<f64>,
-) -> Option<f64> {
+fn height_at_sensor(points: &[Place], rise: f64, (from, to): (f64, f64), room: &mut Vec<f64>) -> Option<f64> {
     let (low, high) = (from.min(to), from.max(to));
     room.clear();
-    room.extend(points.filter(|(y, _)| (low..=high).contains(y)).map(|(y, z)| z - rise * y));
+    room.extend(points.iter().filter(|(y, _)| (low..=high).contains(y)).map(|(y, z)| z - rise * y));
     median(room)
 }
 
@@ -160,7 +157,27 @@ pub fn of_scan(path: &Path, number: u32) -> Result<Option<Section>, Error> {
 
 #[cfg(test)]
 mod tests {
+    use crossfall_core::protocol::Angle;
+    use crossfall_core::protocol::message::Hinge;
+
     use super::*;
+
+    #[test]
+    fn a_line_goes_through_the_middle_of_its_points() {
+        let points: Vec<Place> = (0..50).map(|i| f64::from(i) * 0.1).map(|y| (-3.0 - y, -2.0 - 0.1 * y)).collect();
+        let hinge = |y_um| Hinge { y_um, ..Hinge::default() };
+        let (angle, ci95) = (Angle::from_microdegrees(-5_710_593), Angle::from_microdegrees(100_000));
+        let slope =
+            |start, end| Slope { angle, ci95, points: 40, start: hinge(start), end: hinge(end), ..Slope::default() };
+        // Of a road without an edge no end is known; nothing lies where the opposing slope is said to be.
+        let (adjacent, opposing) = (Some(slope(-3_000_000, -7_000_000)), Some(slope(-9_000_000, -10_000_000)));
+        let side = Side { road: Some(angle), adjacent, opposing, ..Side::default() };
+        let [None, Some(found), None] = of_side(&side, false, &points, &mut Vec::new()) else { panic!("one line") };
+        assert_eq!((found.part, found.left, found.points), (Part::Adjacent, false, 40));
+        assert!((found.ci95_deg.unwrap() - 0.1).abs() < 1e-6);
+        assert!((found.inner.1 + 2.0).abs() < 1e-6 && (found.outer.1 + 2.4).abs() < 1e-6, "{found:?}");
+        assert_eq!((found.inner.0, found.outer.0), (-3.0, -7.0));
+    }
 
     #[test]
     fn local_slopes_are_those_of_the_ground() {

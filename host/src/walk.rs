@@ -191,6 +191,6 @@ impl Step<'_> {
     }
 }
 
-fn places(points: &Points) -> Vec<Place> {
+pub(crate) fn places(points: &Points) -> Vec<Place> {
     points.iter().map(place).collect()
 }

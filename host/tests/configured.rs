@@ -292,7 +292,7 @@ fn a_refusal_is_told_with_what_is_in_force_instead() {
     let told = "the configuration is not in force: the board refuses it as out of range or at odds with itself; \
                 its last word was that it measures with the defaults (mounting offset 0 degrees, delay 0 ms)\n";
     assert!(error.contains(&format!("{device}: {told}")), "{error}");
-    assert!(error.contains("the configuration of my.toml is not in force at the end"), "{error}");
+    assert!(error.contains("the configuration is not in force at the end"), "{error}");
     assert!(!log::Reader::open(&folder.path().join("a.mcap")).unwrap().flatten().collect::<Vec<_>>().is_empty());
 }
 

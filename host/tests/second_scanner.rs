@@ -5,6 +5,7 @@ use std::path::Path;
 use crossfall::capture::{Channel, Reader, Writer};
 use crossfall::import::import;
 use crossfall::live::film::{Film, Shown};
+use crossfall::live::{Live, Source};
 use crossfall::profiles::{Row, Rows, sides};
 use crossfall::scanner::Family;
 use crossfall::simulate::scene::{Kind, Scene};
@@ -97,6 +98,9 @@ fn a_capture_of_it_plays_on_the_live_page_as_run_measures_it() {
         }
     });
     assert!(found == expected && found.len() == 300, "{} profiles", found.len());
+    let live = Live::start(&Source::File(drive), folder.path(), 1.0, None).unwrap();
+    assert_eq!(live.hub().state().source.kind, "capture");
+    live.finish();
     // Wound back to the middle it shows what it had shown there.
     let (first, last) = film.span_ns();
     let mut after = 0;

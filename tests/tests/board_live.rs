@@ -1,21 +1,22 @@
 //! The live page's server on the emulated board, as on any other: lamps, recording, markers, a new configuration, a sensor that is restarted.
 
+#[path = "../../host/tests/live/server.rs"]
+mod server;
+
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use crossfall::live::{Live, Source};
-use crossfall::serve::{Access, serve};
+use crossfall::serve::Access;
 use crossfall::stream::{Item, Stream};
 use crossfall::{config, verify, words};
 use crossfall_core::protocol::Config;
 use crossfall_core::protocol::message::Message;
 use crossfall_tests::emulator::{Image, image};
 use serde_json::{Value, json};
+use server::Server;
 
 /// A board comes up in two seconds, on a host with nothing else to do.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -59,20 +60,9 @@ impl Page {
 fn a_drive_on_the_emulated_board_is_steered_from_the_page_and_verifies() {
     let folder = tempfile::tempdir().expect("a scratch folder");
     let device = format!("emulated:{}", image(Image::Board).display()).parse().expect("a device");
-    let live = Arc::new(Live::start(&Source::Device(device), folder.path(), 1.0, None).expect("a board"));
-    let stop = Arc::new(AtomicBool::new(false));
-    let (tell, told) = mpsc::channel();
-    let server = {
-        let stop = Arc::clone(&stop);
-        thread::spawn(move || {
-            let ready = |address| tell.send(address).expect("somebody waits");
-            let loopback = "127.0.0.1:0".parse().expect("an address");
-            serve(Arc::clone(&live), loopback, Access::ThisComputer, ready, || !stop.load(Ordering::Relaxed))
-                .expect("a server");
-            live.finish();
-        })
-    };
-    let page = Page(told.recv_timeout(PATIENCE).expect("a server"));
+    let live = Live::start(&Source::Device(device), folder.path(), 1.0, None).expect("a board");
+    let server = Server::start(live, Access::ThisComputer);
+    let page = Page(server.address);
 
     let good = |state: &Value, lamp: &str| state["lamps"][lamp]["light"] == "good";
     let all = ["lidar", "ins", "pulse", "disk", "link"];
@@ -92,8 +82,7 @@ fn a_drive_on_the_emulated_board_is_steered_from_the_page_and_verifies() {
     page.until("more profiles", |state| state["recording"]["profiles"].as_u64() > Some(profiles + 60));
     page.ask(&json!({ "do": "stop" }));
     let state = page.until("an end", |state| state["last_recording"].is_object());
-    stop.store(true, Ordering::Relaxed);
-    server.join().expect("an orderly end");
+    drop(server);
 
     let last = &state["last_recording"];
     assert_eq!((&last["lost"], &last["error"]), (&json!(0), &json!(null)));

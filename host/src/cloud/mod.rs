@@ -313,6 +313,7 @@ mod tests {
                 outer: (to, -2.0 + rise * (to - from)),
                 slope_deg,
                 ci95_deg: None,
+                points: 0,
             }
         };
         let lines = [line(Part::Road, 0.0, 4.0, 0.0), line(Part::Adjacent, 4.0, 8.0, -10.0)];

@@ -112,33 +112,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             free as f64 / 1e6
         );
     }
-    if recorded.frames == 0 {
-        tell!("no frame came: is the board powered, and is the baud rate right?");
-    }
-    if recorded.bytes_lost > 0 {
-        tell!("lost: {} bytes, because the log could not be written fast enough", recorded.bytes_lost);
-    }
-    if recorded.unknown_gaps > 0 {
-        tell!(
-            "gaps too long for the frames' numbers to count: {}; how many are missing there is not known",
-            recorded.unknown_gaps
-        );
-    }
-    let restarts = recorded.totals.restarts();
-    if restarts > 0 {
-        tell!("restarts of the board: {restarts}; what it had not sent before is not known");
-    }
-    if recorded.disconnected {
-        tell!("not connected at the end: what the board has sent since is not known");
-    }
-    if let (true, Some(config)) = (recorded.unconfigured, &args.config) {
-        tell!("the configuration of {} is not in force at the end, or not known to be", config.display());
+    for said in recorded.amiss() {
+        tell!("{said}");
     }
     for (name, count) in recorded.totals.losses_before() {
         tell!("lost on the board before it was recorded: {name} = {count}");
-    }
-    for (name, count) in recorded.totals.losses_since() {
-        tell!("lost on the board: {name} = {count}");
     }
     Ok(Outcome::lost_if(recorded.lost() || recorded.unconfigured || full.is_some()))
 }

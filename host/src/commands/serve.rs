@@ -130,7 +130,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 pub fn verdict(live: &Live) -> Outcome {
     let broken = live.broken();
     for recording in &broken {
-        tell!("{}: {}", recording.file, recording.amiss().join("; "));
+        for said in recording.amiss() {
+            tell!("{}: {said}", recording.file);
+        }
     }
     Outcome::lost_if(!broken.is_empty())
 }

@@ -16,6 +16,7 @@ use crossfall_core::sensors::{Scanner, cola, lms2xx};
 use crate::capture::{self, Chunk};
 use crate::container::Error;
 use crate::log;
+use crate::recorded::Recorded;
 use crate::run::{Wires, identity};
 use crate::scanner::{self, Family};
 
@@ -47,30 +48,29 @@ impl Film {
     /// # Errors
     /// When the file cannot be read or is neither.
     pub fn open(path: &Path, config: Option<Config>) -> Result<Self, Error> {
-        let capture = |family| {
-            let config = config.unwrap_or_default();
-            Ok(match family {
-                Family::Lms2xx => {
-                    let scanner = |config: &Config| lms2xx::Decoder::new(config.scanner.measuring_mode);
-                    Self::Capture(Box::new(CaptureFilm::open(path, config, family, scanner)?))
-                }
-                Family::Cola => {
-                    let scanner = |_: &Config| cola::Decoder::default();
-                    Self::ColaCapture(Box::new(CaptureFilm::open(path, config, family, scanner)?))
-                }
-            })
+        let reader = match Recorded::open(path)? {
+            Recorded::Capture(reader) => reader,
+            Recorded::Log(_) => return Ok(Self::Log(Box::new(LogFilm::open(path, config)?))),
         };
-        match capture::Reader::open(path).and_then(|reader| capture(scanner::of_chunks(reader).0)) {
-            Ok(film) => Ok(film),
-            // A damaged log is no capture for more reasons than one.
-            Err(no_capture) => match (LogFilm::open(path, config), no_capture) {
-                (Ok(film), _) => Ok(Self::Log(Box::new(film))),
-                (Err(Error::Content { path, .. }), Error::Content { .. }) => {
-                    let what = "neither a capture (channels lidar, ins, pps) nor a log (channel wire)".to_owned();
-                    Err(Error::Content { path, what })
-                }
-                (Err(Error::Content { .. }), error) | (Err(error), _) => Err(error),
-            },
+        let config = config.unwrap_or_default();
+        Ok(match scanner::of_chunks(reader).0 {
+            Family::Lms2xx => {
+                let scanner = |config: &Config| lms2xx::Decoder::new(config.scanner.measuring_mode);
+                Self::Capture(Box::new(CaptureFilm::open(path, config, Family::Lms2xx, scanner)?))
+            }
+            Family::Cola => {
+                let scanner = |_: &Config| cola::Decoder::default();
+                Self::ColaCapture(Box::new(CaptureFilm::open(path, config, Family::Cola, scanner)?))
+            }
+        })
+    }
+
+    /// What viewers are told that it is.
+    #[must_use]
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Capture(_) | Self::ColaCapture(_) => "capture",
+            Self::Log(_) => "log",
         }
     }
 
@@ -105,12 +105,8 @@ impl Film {
         }
     }
 
-    /// Does what a board would do.
+    /// Does what a board would do, but for restarts of sensors: there are none.
     pub fn command(&mut self, sequence: u16, command: &Command, out: &mut impl FnMut(Shown<'_>)) {
-        if matches!(command, Command::Restart(_)) {
-            let reply = Reply { to: sequence, outcome: Outcome::Unknown };
-            return out(Shown::Event(Event::Message(Message::Reply(reply))));
-        }
         match self {
             Self::Capture(film) => film.command(sequence, command, out),
             Self::ColaCapture(film) => film.command(sequence, command, out),
@@ -196,6 +192,10 @@ impl<S: Scanner> CaptureFilm<S> {
     }
 
     fn command(&mut self, sequence: u16, command: &Command, out: &mut impl FnMut(Shown<'_>)) {
+        if matches!(command, Command::Restart(_)) {
+            let reply = Reply { to: sequence, outcome: Outcome::Unknown };
+            return out(Shown::Event(Event::Message(Message::Reply(reply))));
+        }
         let now = DeviceTime(self.now_ns / 1_000);
         self.instrument.command(sequence, command, now, &mut |event| out(Shown::Event(event)));
     }
@@ -373,6 +373,7 @@ impl LogFilm {
         Ok(())
     }
 
+    /// What `instrument::Decode::command` does on a board: here nothing is decoded any more.
     fn command(&mut self, sequence: u16, command: &Command, out: &mut impl FnMut(Shown<'_>)) {
         let outcome = match command {
             Command::Identify => {
@@ -389,6 +390,10 @@ impl LogFilm {
                 Err(_) => Outcome::BadConfig,
             },
             Command::Start => {
+                // The scans that wait in a survey that runs are measured, not lost.
+                if self.running {
+                    self.show(&Event::Message(Message::Session(Session::Stopped(self.latest))), out);
+                }
                 self.running = true;
                 self.show(&Event::Message(Message::Session(Session::Started(self.latest))), out);
                 Outcome::Done
@@ -407,5 +412,69 @@ impl LogFilm {
             Command::Restart(_) => Outcome::Unknown,
         };
         out(Shown::Event(Event::Message(Message::Reply(Reply { to: sequence, outcome }))));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crossfall_core::protocol::message::Sensor;
+
+    use super::*;
+    use crate::simulate::scene::Scene;
+    use crate::{run, simulate};
+
+    /// A drive of so many seconds, as a capture and as a log.
+    fn drive(folder: &Path, seconds: f64) -> (PathBuf, PathBuf) {
+        let (drive, log_path) = (folder.join("drive.mcap"), folder.join("drive.log.mcap"));
+        let mut scene = Scene::default();
+        scene.drive.seconds = seconds;
+        let mut writer = capture::Writer::create(&drive).unwrap();
+        simulate::simulate(&scene, &mut writer, |_| ()).unwrap();
+        writer.finish().unwrap();
+        let mut log = log::Writer::create(&log_path).unwrap();
+        run::run(&mut capture::Reader::open(&drive).unwrap(), &Config::default(), &mut log, |_| ()).unwrap();
+        log.finish().unwrap();
+        (drive, log_path)
+    }
+
+    #[test]
+    fn another_start_loses_no_scan_that_waits_in_the_survey() {
+        let folder = tempfile::tempdir().unwrap();
+        let (drive, log) = drive(folder.path(), 2.0);
+        for (path, kind) in [(drive, "capture"), (log, "log")] {
+            let mut film = Film::open(&path, None).unwrap();
+            assert_eq!(film.kind(), kind);
+            let (mut scans, mut profiles, mut sessions) = (0, 0, Vec::new());
+            let mut see = |shown: Shown<'_>| match shown {
+                Shown::Event(Event::Scan(_)) => scans += 1,
+                Shown::Event(Event::Message(Message::Profile(_))) => profiles += 1,
+                Shown::Event(Event::Message(Message::Session(session))) => {
+                    sessions.push(matches!(session, Session::Started(_)));
+                }
+                _ => {}
+            };
+            let (first, last) = film.span_ns();
+            film.play(first.midpoint(last), &mut see);
+            film.command(0, &Command::Start, &mut see);
+            film.play(u64::MAX, &mut see);
+            assert_eq!(sessions, [true, false, true, false], "{kind}");
+            assert!(scans > 60 && profiles == scans, "{kind}: {profiles} profiles of {scans} scans");
+        }
+    }
+
+    #[test]
+    fn no_film_restarts_a_sensor() {
+        let folder = tempfile::tempdir().unwrap();
+        let (drive, log) = drive(folder.path(), 0.5);
+        for path in [drive, log] {
+            let mut outcomes = Vec::new();
+            let restart = Command::Restart(Sensor::Lidar);
+            Film::open(&path, None).unwrap().command(7, &restart, &mut |shown| {
+                if let Shown::Event(Event::Message(Message::Reply(reply))) = shown {
+                    outcomes.push((reply.to, reply.outcome));
+                }
+            });
+            assert_eq!(outcomes, [(7, Outcome::Unknown)]);
+        }
     }
 }

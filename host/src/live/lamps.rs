@@ -4,6 +4,8 @@
 
 use std::time::Duration;
 
+use crossfall_core::sensors::lms2xx::{Severity, Status};
+use crossfall_core::sensors::novatel::{Quality, state_name};
 use serde::Serialize;
 
 /// Without a scan, a pose or a frame for so long, its source counts as silent.
@@ -143,6 +145,7 @@ pub fn lidar(senses: &Senses) -> Lamp {
     if let Some(lamp) = blind(senses) {
         return lamp;
     }
+    let status = Status(senses.scanner_status);
     match senses.scan_age {
         _ if !senses.surveying => Lamp::new(Light::Off, "survey stopped", "Start it."),
         None if senses.heard_for < SILENT => waiting("scan"),
@@ -151,14 +154,17 @@ pub fn lidar(senses: &Senses) -> Lamp {
             let words = format!("no scan for {} s", age.as_secs());
             Lamp::new(Light::Bad, words, "Check the scanner's 24 V supply and its data cable; then restart it here.")
         }
-        // Bits 0-2: 0 no fault, 1 information, 2 warning, 3 error, 4 fatal error; bit 7: polluted (TL, status byte).
-        Some(_) if senses.scanner_status & 0x07 >= 3 => {
+        Some(_) if status.severity() >= Severity::Error => {
             Lamp::new(Light::Bad, "the scanner reports an error", "Restart the scanner; if it stays, it needs service.")
         }
-        Some(_) if senses.scanner_status & 0x80 != 0 => {
+        Some(_) if status.polluted() => {
             Lamp::new(Light::Warn, "the window is dirty", "Wipe the scanner's window with a soft, dry cloth.")
         }
-        Some(_) if senses.scanner_status & 0x07 == 2 => {
+        Some(_) if status.implausible() => {
+            let advice = "Look for glare, rain or a dirty window; restart it if it stays.";
+            Lamp::new(Light::Warn, "the scanner doubts its ranges", advice)
+        }
+        Some(_) if status.is_of_concern() => {
             Lamp::new(Light::Warn, "the scanner warns", "Look at its window and its temperature.")
         }
         Some(_) if senses.recent[0] => {
@@ -181,39 +187,21 @@ pub fn ins(senses: &Senses) -> Lamp {
             let words = format!("no pose for {} s", age.as_secs());
             Lamp::new(Light::Bad, words, "Check the unit's power and its data cable; then restart it here.")
         }
-        Some(_) => match senses.pose_status {
-            3 if senses.recent[1] => {
+        Some(_) => match Quality::of(senses.pose_status) {
+            Quality::Good if senses.recent[1] => {
                 Lamp::new(Light::Warn, "losses on its line", "Check the unit's data cable and its shield.")
             }
-            3 => Lamp::good(format!("{:.0} poses/s", senses.pose_hz)),
-            status => {
-                let advice = match status {
-                    0..=2 | 7..=12 => "Drive straight on and round some bends under open sky until it has aligned.",
-                    _ => "The sky is hidden: slopes lose accuracy until satellites are back.",
-                };
-                // Without a usable attitude sections are not levelled.
-                let light = if matches!(status, 2 | 3 | 6 | 7) { Light::Warn } else { Light::Bad };
-                Lamp::new(light, unit_state(status), advice)
+            Quality::Good => Lamp::good(format!("{:.0} poses/s", senses.pose_hz)),
+            Quality::Degraded => {
+                let advice = "Slopes lose accuracy: drive on under open sky and round some bends.";
+                Lamp::new(Light::Warn, state_name(senses.pose_status), advice)
+            }
+            // Without a usable attitude sections are not levelled.
+            Quality::Aligning | Quality::Unusable => {
+                let advice = "Drive straight on and round some bends under open sky until it has aligned.";
+                Lamp::new(Light::Bad, state_name(senses.pose_status), advice)
             }
         },
-    }
-}
-
-/// The unit's states by name (NovAtel, inertial solution status).
-fn unit_state(status: u8) -> &'static str {
-    match status {
-        0 => "inactive",
-        1 => "aligning",
-        2 => "high variance",
-        3 => "solution good",
-        6 => "free inertial, no satellites",
-        7 => "aligned, waiting for movement",
-        8 => "finding its orientation",
-        9 => "waiting for its first position",
-        10 => "waiting for its axes",
-        11 => "initializing biases",
-        12 => "movement detected",
-        _ => "state unknown",
     }
 }
 
@@ -264,6 +252,11 @@ fn room(bytes: u64) -> String {
 mod tests {
     use super::*;
 
+    use crossfall_core::profile::{Workspace, measure};
+    use crossfall_core::protocol::message::flags;
+    use crossfall_core::protocol::{Angle, Config};
+    use crossfall_core::scan::{RawScan, RollTrack};
+
     fn well() -> Senses {
         let now = Some(Duration::from_millis(10));
         Senses {
@@ -295,12 +288,14 @@ mod tests {
     fn what_is_wrong_is_told_with_what_to_do() {
         let long = Some(Duration::from_secs(4));
         type Judge = fn(&Senses) -> Lamp;
-        let cases: [(Senses, Judge, Light, &str); 11] = [
+        let cases: [(Senses, Judge, Light, &str); 13] = [
             (Senses { gone: Some("closed by the other end".into()), ..well() }, link, Light::Bad, "closed"),
             (Senses { frame_age: long, ..well() }, link, Light::Bad, "silent for 4 s"),
             (Senses { recent: [false, false, true], ..well() }, link, Light::Warn, "frames lost"),
             (Senses { scan_age: long, ..well() }, lidar, Light::Bad, "no scan for 4 s"),
             (Senses { scanner_status: 0x80, ..well() }, lidar, Light::Warn, "dirty"),
+            (Senses { scanner_status: 0x40, ..well() }, lidar, Light::Warn, "doubts its ranges"),
+            (Senses { scanner_status: 3, ..well() }, lidar, Light::Bad, "an error"),
             (Senses { pose_age: None, ..well() }, ins, Light::Bad, "no pose yet"),
             (Senses { pose_status: 6, ..well() }, ins, Light::Warn, "free inertial"),
             (Senses { pose_status: 1, ..well() }, ins, Light::Bad, "aligning"),
@@ -312,6 +307,30 @@ mod tests {
             let lamp = judge(&senses);
             assert_eq!(lamp.light, light, "{lamp:?}");
             assert!(lamp.words.contains(words) && !lamp.advice.is_empty(), "{lamp:?}");
+        }
+    }
+
+    /// The light and the flags of the sections below it must not contradict each other.
+    #[test]
+    fn the_scanner_s_lamp_is_green_exactly_when_its_status_flags_no_section() {
+        for status in 0..=u8::MAX {
+            let scan = RawScan { status, ..RawScan::EMPTY };
+            let level = RollTrack::constant(Angle::ZERO);
+            let (.., flagged) = measure(&scan, &level, &Config::default(), &mut Workspace::new());
+            let light = lidar(&Senses { scanner_status: status, ..well() }).light;
+            assert_eq!(light == Light::Good, flagged & flags::SCANNER_STATUS == 0, "{status:#04x}: {light:?}");
+        }
+    }
+
+    #[test]
+    fn the_unit_s_lamp_is_as_good_as_its_attitude() {
+        for status in 0..=u8::MAX {
+            let expected = match Quality::of(status) {
+                Quality::Good => Light::Good,
+                Quality::Degraded => Light::Warn,
+                Quality::Aligning | Quality::Unusable => Light::Bad,
+            };
+            assert_eq!(ins(&Senses { pose_status: status, ..well() }).light, expected, "{status}");
         }
     }
 

@@ -5,7 +5,6 @@
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -23,11 +22,10 @@ use super::faults::{Faults, of_the_board};
 use super::hub::Hub;
 use super::lamps::{self, Senses};
 use super::player::Controls;
-use super::rock_test::{Gathering, RockTest};
-use super::session::{Heard, RockOrder};
+use super::rock_test::RockTests;
+use super::session::Heard;
 use super::state::{BoardState, Lamps, MarkerState, Motion, Phase, SourceState, State};
 use super::view::{Section, Strip};
-use crate::calibrate::{self, Estimate, Refusal, Surface};
 use crate::intervals::MILE_M;
 use crate::record::{Notice, gist};
 use crate::track::{self, Track};
@@ -87,7 +85,7 @@ pub struct Model {
     section_at: Option<Instant>,
     markers: VecDeque<MarkerState>,
     marker_count: u64,
-    rock: Rock,
+    rock_tests: RockTests,
     disk_at: Option<Instant>,
 }
 
@@ -99,14 +97,6 @@ struct Seen {
     scan: Option<(Instant, DeviceTime)>,
     pose: Option<(Instant, DeviceTime)>,
     pulse: Option<Instant>,
-}
-
-/// A rock test.
-enum Rock {
-    None,
-    Gathering(Box<Gathering>),
-    Estimating(usize, Receiver<Result<Estimate, String>>),
-    Done(Box<RockTest>),
 }
 
 impl Model {
@@ -144,7 +134,7 @@ impl Model {
             section_at: None,
             markers: VecDeque::new(),
             marker_count: 0,
-            rock: Rock::None,
+            rock_tests: RockTests::default(),
             disk_at: None,
         }
     }
@@ -154,7 +144,7 @@ impl Model {
         match heard {
             Heard::Frame(raw) => self.frame(&raw),
             Heard::Notice(notice) => self.notice(&notice),
-            Heard::Rock(order) => self.rock(order),
+            Heard::Rock(order) => self.rock_tests.order(order, self.config),
         }
     }
 
@@ -239,9 +229,7 @@ impl Model {
             self.scans.pop_front();
         }
         self.scans.push_back(scan.clone());
-        if let Rock::Gathering(gathering) = &mut self.rock {
-            gathering.scan(scan);
-        }
+        self.rock_tests.scan(scan);
     }
 
     /// Time has jumped: another drive, another place of a replay, or a board that has booted.
@@ -253,10 +241,7 @@ impl Model {
         (self.seen.pose, self.motion.station_m) = (None, None);
         (self.senses.scan_hz, self.senses.pose_hz) = (0.0, 0.0);
         self.hub.lock().forget();
-        if matches!(self.rock, Rock::Gathering(_)) {
-            let refusal = Some("time has jumped, and what came before is of no use: begin the test again".to_owned());
-            self.rock = Rock::Done(Box::new(RockTest { refusal, ..RockTest::default() }));
-        }
+        self.rock_tests.break_off();
     }
 
     fn pose(&mut self, pose: &Pose) {
@@ -286,9 +271,7 @@ impl Model {
                 self.motion.place_m = Some(self.hub.lock().sketch.push(&fix, station_m));
             }
         }
-        if let Rock::Gathering(gathering) = &mut self.rock {
-            gathering.pose(pose);
-        }
+        self.rock_tests.pose(pose);
     }
 
     fn profile(&mut self, profile: &Profile) {
@@ -300,8 +283,8 @@ impl Model {
         };
         // Of the levelled ground: what a perfect calibration makes 0 on level ground.
         let residual = tilt(profile.left.road.map(degrees), profile.right.road.map(degrees));
-        if let (Rock::Gathering(gathering), Some(residual)) = (&mut self.rock, residual) {
-            gathering.residual(residual);
+        if let Some(residual) = residual {
+            self.rock_tests.residual(residual);
         }
         let slope = |slope: Option<crossfall_core::protocol::message::Slope>| slope.map(|slope| degrees(slope.angle));
         self.gathered.push(
@@ -408,56 +391,8 @@ impl Model {
         }
     }
 
-    fn rock(&mut self, order: RockOrder) {
-        let now = std::mem::replace(&mut self.rock, Rock::None);
-        self.rock = match (order, now) {
-            (RockOrder::Begin, _) => Rock::Gathering(Box::new(Gathering::new(self.config))),
-            (RockOrder::End, Rock::Gathering(gathering)) => {
-                let scans = gathering.told().scans;
-                let (tell, told) = channel();
-                // Seconds of work: not here. What cannot be told shows as an estimate that never came.
-                let spawned = std::thread::Builder::new().name("rock test".to_owned()).spawn(move || {
-                    let drive = gathering.into_drive();
-                    let found = calibrate::estimate(&drive, Surface::Assumed);
-                    let _gone =
-                        tell.send(found.map(|(estimate, _)| estimate).map_err(|error: Refusal| error.to_string()));
-                });
-                drop(spawned);
-                Rock::Estimating(scans, told)
-            }
-            (RockOrder::End, other) => other,
-            (RockOrder::Cancel, _) => Rock::None,
-        };
-    }
-
-    fn rock_state(&mut self) -> Option<RockTest> {
-        if let Rock::Estimating(scans, told) = &self.rock {
-            let scans = *scans;
-            let found = match told.try_recv() {
-                Ok(found) => Some(found),
-                Err(std::sync::mpsc::TryRecvError::Empty) => None,
-                Err(std::sync::mpsc::TryRecvError::Disconnected) => Some(Err("the estimate failed".to_owned())),
-            };
-            let Some(found) = found else {
-                return Some(RockTest { estimating: true, scans, ..RockTest::default() });
-            };
-            let (estimate, refusal) = match found {
-                Ok(estimate) => (Some(estimate), None),
-                Err(refusal) => (None, Some(refusal)),
-            };
-            self.rock = Rock::Done(Box::new(RockTest { scans, estimate, refusal, ..RockTest::default() }));
-        }
-        match &self.rock {
-            Rock::Gathering(gathering) => Some(gathering.told()),
-            Rock::Done(test) => Some((**test).clone()),
-            Rock::None | Rock::Estimating(..) => None,
-        }
-    }
-
     /// Tells viewers the state.
     pub fn tell(&mut self) {
-        let now = Instant::now();
-        let age = |seen: Option<Instant>| seen.map(|seen| now.saturating_duration_since(seen));
         let replay = self.controls.as_ref().map(|controls| *controls.lock());
         let (recording, last_recording, disk_error, summary) = {
             let shared = self.shared.lock().unwrap_or_else(PoisonError::into_inner);
@@ -470,26 +405,21 @@ impl Model {
             ("link.bytes_lost", summary.bytes_lost),
         ] {
             if self.faults.counter(name, value, false) {
-                self.losses_at[2] = Some(now);
+                self.losses_at[2] = Some(Instant::now());
             }
         }
         if self.disk_at.is_none_or(|looked| looked.elapsed() >= DISK) {
-            self.disk_at = Some(now);
+            self.disk_at = Some(Instant::now());
             self.senses.disk_free = free_bytes(&self.source.folder);
         }
+        // Between two sessions the survey stands still as it should.
         let between = matches!(recording.phase, Phase::Starting | Phase::Ending);
         let senses = Senses {
             standing: replay.is_some_and(|replay| replay.paused || replay.ended),
-            heard_for: age(self.seen.first_frame).unwrap_or_default(),
-            frame_age: age(self.seen.frame),
-            scan_age: age(self.seen.scan.map(|(at, _)| at)),
-            pose_age: age(self.seen.pose.map(|(at, _)| at)),
-            pulse_age: age(self.seen.pulse),
             surveying: self.senses.surveying || between,
-            recent: self.losses_at.map(|at| age(at).is_some_and(|age| age < RECENT)),
             disk_error,
             unconfigured: summary.unconfigured,
-            ..self.senses.clone()
+            ..self.aged()
         };
         let motion = self.moving(&senses);
         let state = State {
@@ -514,10 +444,25 @@ impl Model {
             marker_count: self.marker_count,
             config_number: self.config_number,
             configuration: (self.config_number > 0).then(|| gist(&self.config)),
-            rock_test: self.rock_state(),
+            rock_test: self.rock_tests.told(),
             unviewed_frames: self.unheard.load(Ordering::Relaxed),
         };
         self.hub.lock().tell(state);
+    }
+
+    /// What is sensed, with its ages as of now.
+    fn aged(&self) -> Senses {
+        let now = Instant::now();
+        let age = |seen: Option<Instant>| seen.map(|seen| now.saturating_duration_since(seen));
+        Senses {
+            heard_for: age(self.seen.first_frame).unwrap_or_default(),
+            frame_age: age(self.seen.frame),
+            scan_age: age(self.seen.scan.map(|(at, _)| at)),
+            pose_age: age(self.seen.pose.map(|(at, _)| at)),
+            pulse_age: age(self.seen.pulse),
+            recent: self.losses_at.map(|at| age(at).is_some_and(|age| age < RECENT)),
+            ..self.senses.clone()
+        }
     }
 
     /// How the vehicle moves now: what comes no more says nothing of it.

@@ -1,20 +1,24 @@
 //! The rock test on the road: the vehicle stands on level ground and is rocked; from what comes meanwhile follow the scanner's mounting
 //! offset and delay ([`calibrate`](crate::calibrate)).
 
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::thread;
+
 use crossfall_core::protocol::Config;
 use crossfall_core::protocol::message::Pose;
 use crossfall_core::scan::RawScan;
 use crossfall_core::sensors::novatel::Quality;
 use serde::Serialize;
 
-use crate::calibrate::{Drive, Estimate, Gatherer};
+use super::session::RockOrder;
+use crate::calibrate::{self, Estimate, Gatherer, Surface};
 use crate::statistics::{deviation, rms};
 
 /// The most that is kept: two minutes at 37.5 scans a second.
 const MOST_SCANS: usize = 4_500;
 
 /// Shortest test that is worth an estimate, in scans: ten seconds.
-pub const LEAST_SCANS: usize = 375;
+const LEAST_SCANS: usize = 375;
 
 /// What viewers are told of it.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -37,9 +41,98 @@ pub struct RockTest {
     pub refusal: Option<String>,
 }
 
+/// The test under way, or the one before.
+#[derive(Default)]
+pub struct RockTests(Stage);
+
+#[derive(Default)]
+enum Stage {
+    #[default]
+    None,
+    Gathering(Box<Gathering>),
+    /// With so many scans.
+    Estimating(usize, Receiver<Result<Estimate, String>>),
+    Done(Box<RockTest>),
+}
+
+impl RockTests {
+    /// Does what the operator asks; a test begins with the configuration in force.
+    pub fn order(&mut self, order: RockOrder, config: Config) {
+        self.0 = match (order, std::mem::take(&mut self.0)) {
+            (RockOrder::Begin, _) => Stage::Gathering(Box::new(Gathering::new(config))),
+            (RockOrder::End, Stage::Gathering(gathering)) => {
+                let scans = gathering.told().scans;
+                let (tell, told) = channel();
+                // Seconds of work: not here. What cannot be told shows as an estimate that never came.
+                let spawned = thread::Builder::new().name("rock test".to_owned()).spawn(move || {
+                    let found = calibrate::estimate(&gathering.gatherer.into_drive(), Surface::Assumed);
+                    let found = found.map(|(estimate, _)| estimate).map_err(|refusal| refusal.to_string());
+                    let _gone = tell.send(found);
+                });
+                drop(spawned);
+                Stage::Estimating(scans, told)
+            }
+            (RockOrder::End, other) => other,
+            (RockOrder::Cancel, _) => Stage::None,
+        };
+    }
+
+    /// The next scan.
+    pub fn scan(&mut self, scan: &RawScan) {
+        if let Stage::Gathering(gathering) = &mut self.0 {
+            gathering.gatherer.scan(scan);
+        }
+    }
+
+    /// The next pose.
+    pub fn pose(&mut self, pose: &Pose) {
+        if let Stage::Gathering(gathering) = &mut self.0 {
+            gathering.pose(pose);
+        }
+    }
+
+    /// The tilt of the levelled road in the next profile, in degrees to the left.
+    pub fn residual(&mut self, degrees: f64) {
+        if let Stage::Gathering(gathering) = &mut self.0 {
+            gathering.residual(degrees);
+        }
+    }
+
+    /// Time has jumped: no test goes on over that.
+    pub fn break_off(&mut self) {
+        if matches!(self.0, Stage::Gathering(_)) {
+            let refusal = Some("time has jumped, and what came before is of no use: begin the test again".to_owned());
+            self.0 = Stage::Done(Box::new(RockTest { refusal, ..RockTest::default() }));
+        }
+    }
+
+    /// What to tell.
+    pub fn told(&mut self) -> Option<RockTest> {
+        match &self.0 {
+            Stage::None => None,
+            Stage::Gathering(gathering) => Some(gathering.told()),
+            Stage::Done(test) => Some((**test).clone()),
+            Stage::Estimating(scans, told) => {
+                let test = RockTest { scans: *scans, ..RockTest::default() };
+                let found = match told.try_recv() {
+                    Ok(found) => found,
+                    Err(TryRecvError::Empty) => return Some(RockTest { estimating: true, ..test }),
+                    Err(TryRecvError::Disconnected) => Err("the estimate failed".to_owned()),
+                };
+                let done = match found {
+                    Ok(estimate) => RockTest { estimate: Some(estimate), ..test },
+                    Err(refusal) => RockTest { refusal: Some(refusal), ..test },
+                };
+                self.0 = Stage::Done(Box::new(done.clone()));
+                Some(done)
+            }
+        }
+    }
+}
+
 /// What a test has gathered.
 #[derive(Debug)]
-pub struct Gathering {
+struct Gathering {
     gatherer: Gatherer,
     residuals: Vec<f64>,
     rates: Vec<f64>,
@@ -50,19 +143,11 @@ pub struct Gathering {
 const LATELY: usize = 150;
 
 impl Gathering {
-    /// Begins with the configuration in force.
-    #[must_use]
-    pub fn new(config: Config) -> Self {
+    fn new(config: Config) -> Self {
         Self { gatherer: Gatherer::new(config, MOST_SCANS), residuals: Vec::new(), rates: Vec::new(), last_roll: None }
     }
 
-    /// The next scan.
-    pub fn scan(&mut self, scan: &RawScan) {
-        self.gatherer.scan(scan);
-    }
-
-    /// The next pose.
-    pub fn pose(&mut self, pose: &Pose) {
+    fn pose(&mut self, pose: &Pose) {
         self.gatherer.pose(pose);
         if !Quality::of(pose.status).has_attitude() {
             self.last_roll = None;
@@ -77,15 +162,12 @@ impl Gathering {
         }
     }
 
-    /// The tilt of the levelled road in the next profile, in degrees to the left.
-    pub fn residual(&mut self, degrees: f64) {
+    fn residual(&mut self, degrees: f64) {
         self.residuals.push(degrees);
         keep_last(&mut self.residuals, LATELY);
     }
 
-    /// What to tell.
-    #[must_use]
-    pub fn told(&self) -> RockTest {
+    fn told(&self) -> RockTest {
         let count = self.residuals.len() as f64;
         let mean = self.residuals.iter().sum::<f64>() / count;
         RockTest {
@@ -96,12 +178,6 @@ impl Gathering {
             residual_deg: (count > 0.0).then(|| (mean, deviation(self.residuals.iter().copied()))),
             ..RockTest::default()
         }
-    }
-
-    /// What has been gathered.
-    #[must_use]
-    pub fn into_drive(self) -> Drive {
-        self.gatherer.into_drive()
     }
 }
 

@@ -3,8 +3,8 @@
 use std::io;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
@@ -81,14 +81,31 @@ pub enum Heard {
 
 /// See the module. Dropping it ends the recording, if there is one, with a whole log.
 pub struct Live {
-    hub: Arc<Hub>,
-    commands: Arc<Commands>,
+    common: Common,
     controls: Option<Controls>,
     orders: Sender<Order>,
     heard: SyncSender<Heard>,
-    shared: Arc<Mutex<Shared>>,
-    stop: Arc<AtomicBool>,
     threads: Mutex<Vec<JoinHandle<()>>>,
+}
+
+/// What the threads and those who look have in common.
+#[derive(Clone, Default)]
+struct Common {
+    hub: Arc<Hub>,
+    commands: Arc<Commands>,
+    shared: Arc<Mutex<Shared>>,
+    /// Frames that the model had no time for.
+    unheard: Arc<AtomicU64>,
+    /// Whether the recorder is to end.
+    stop: Arc<AtomicBool>,
+    /// Whether it has.
+    recorded: Arc<AtomicBool>,
+}
+
+impl Common {
+    fn shared(&self) -> MutexGuard<'_, Shared> {
+        self.shared.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 /// Why nothing can be looked at.
@@ -118,105 +135,47 @@ impl Live {
     /// When the file can be read as neither capture nor log, the folder cannot be made, or a thread not be started.
     pub fn start(source: &Source, logs: impl Into<Logs>, speed: f64, config: Option<Config>) -> Result<Self, Error> {
         let logs = logs.into();
-        let (device, port, controls, kind, name, kept) = match source {
-            Source::Device(device) => {
-                let port = device.connect().unwrap_or_else(|error| Box::new(Absent(Some(error))));
-                (device.clone(), port, None, "device", device.to_string(), config)
-            }
-            Source::File(path) => {
-                let film = Film::open(path, config)?;
-                let kind = if matches!(film, Film::Capture(_)) { "capture" } else { "log" };
-                let (player, controls) = Player::new(film, speed);
-                // A film's end is no lost connection; one whose file fails is looked for at a port that nobody has.
-                let nowhere = Device::Tcp { address: "127.0.0.1:0".to_owned() };
-                let port: Box<dyn Port> = Box::new(player);
-                (nowhere, port, Some(controls), kind, path.display().to_string(), None)
-            }
-        };
+        let opened = Opened::open(source, speed, config)?;
         std::fs::create_dir_all(&logs.folder).map_err(|error| Error::Folder { folder: logs.folder.clone(), error })?;
-        let source = SourceState { kind, name, folder: logs.folder.display().to_string() };
-        let hub = Arc::new(Hub::default());
-        let commands = Arc::new(Commands::default());
-        let shared = Arc::new(Mutex::new(Shared::default()));
-        let stop = Arc::new(AtomicBool::new(false));
-        let recorded = Arc::new(AtomicBool::new(false));
-        let unheard = Arc::new(AtomicU64::new(0));
+        let (kind, name, folder) = (opened.kind, opened.name.clone(), logs.folder.display().to_string());
+        let controls = opened.controls.clone();
+        let common = Common::default();
         let (orders, obeyed) = channel();
         let (heard, hears) = sync_channel(WAITING);
-
-        let mut tape = LiveTape::new(
+        let tape = LiveTape::new(
             logs,
             obeyed,
             heard.clone(),
-            Arc::clone(&unheard),
-            Arc::clone(&shared),
-            Arc::clone(&commands),
+            Arc::clone(&common.unheard),
+            Arc::clone(&common.shared),
+            Arc::clone(&common.commands),
         );
+        let mut model = Model::new(
+            Arc::clone(&common.hub),
+            Arc::clone(&common.commands),
+            Arc::clone(&common.shared),
+            controls.clone(),
+            SourceState { kind, name, folder },
+            Arc::clone(&common.unheard),
+        );
+        // Whoever looks from now on finds a state.
+        model.tell();
         let recorder = {
-            let (commands, shared, heard) = (Arc::clone(&commands), Arc::clone(&shared), heard.clone());
-            let (stop, recorded) = (Arc::clone(&stop), Arc::clone(&recorded));
-            move || {
-                // The tape keeps its own errors: only the reader's thread can fail here, and the link's lamp shows that nothing comes.
-                let conversed = record::converse(
-                    &device,
-                    port,
-                    &mut tape,
-                    commands.outbox(),
-                    kept,
-                    |notice| {
-                        let _full = heard.try_send(Heard::Notice(notice));
-                    },
-                    |summary| {
-                        shared.lock().unwrap_or_else(PoisonError::into_inner).summary = summary.clone();
-                        !stop.load(Ordering::Relaxed)
-                    },
-                );
-                if let Ok(summary) = conversed {
-                    shared.lock().unwrap_or_else(PoisonError::into_inner).summary = summary;
-                }
-                tape.finish();
-                recorded.store(true, Ordering::Relaxed);
-            }
+            let (heard, common) = (heard.clone(), common.clone());
+            move || record(opened, tape, &heard, &common)
         };
-        let ended = Arc::clone(&shared);
-        let model = {
-            let mut model = Model::new(
-                Arc::clone(&hub),
-                Arc::clone(&commands),
-                Arc::clone(&shared),
-                controls.clone(),
-                source,
-                unheard,
-            );
-            let recorded = Arc::clone(&recorded);
-            model.tell();
-            move || {
-                let mut told = Instant::now();
-                loop {
-                    match hears.recv_timeout(TOLD / 4) {
-                        Ok(heard) => model.hear(heard),
-                        Err(RecvTimeoutError::Timeout) if !recorded.load(Ordering::Relaxed) => {}
-                        // The recorder has ended and everything is heard: the last word.
-                        Err(_) => return model.tell(),
-                    }
-                    if told.elapsed() >= TOLD {
-                        told = Instant::now();
-                        model.tell();
-                    }
-                }
-            }
-        };
+        let recorded = Arc::clone(&common.recorded);
         let threads = vec![
             thread::Builder::new().name("recorder".to_owned()).spawn(recorder)?,
-            thread::Builder::new().name("model".to_owned()).spawn(model)?,
+            thread::Builder::new().name("model".to_owned()).spawn(move || show(model, &hears, &recorded))?,
         ];
-        Ok(Self { hub, commands, controls, orders, heard, shared: ended, stop, threads: Mutex::new(threads) })
+        Ok(Self { common, controls, orders, heard, threads: Mutex::new(threads) })
     }
 
     /// What there is to see.
     #[must_use]
     pub fn hub(&self) -> &Arc<Hub> {
-        &self.hub
+        &self.common.hub
     }
 
     /// The replay's transport, if it is one.
@@ -227,7 +186,7 @@ impl Live {
 
     /// Begins a recording, or ends the one there is; what comes of it shows in the state.
     pub fn toggle_recording(&self) {
-        let order = match self.hub.state().recording.phase {
+        let order = match self.hub().state().recording.phase {
             super::Phase::Idle => Order::Record { name: String::new(), tell: oneshot::channel().0 },
             _ => Order::Stop { tell: None },
         };
@@ -244,16 +203,16 @@ impl Live {
     /// The recordings that have ended and are not whole.
     #[must_use]
     pub fn broken(&self) -> Vec<Recording> {
-        self.shared.lock().unwrap_or_else(PoisonError::into_inner).broken.clone()
+        self.common.shared().broken.clone()
     }
 
     /// Drops a marker; what comes of it shows in the state.
     pub fn mark(&self, label: &str) {
-        self.commands.send(&Command::Mark(Label::new(label)));
+        self.common.commands.send(&Command::Mark(Label::new(label)));
     }
 
     pub(super) fn commands(&self) -> &Commands {
-        &self.commands
+        &self.common.commands
     }
 
     pub(super) fn order(&self, order: Order) {
@@ -267,7 +226,7 @@ impl Live {
 
     /// Ends the recording, if there is one, and every thread.
     pub fn finish(&self) {
-        self.stop.store(true, Ordering::Relaxed);
+        self.common.stop.store(true, Ordering::Relaxed);
         let threads = std::mem::take(&mut *self.threads.lock().unwrap_or_else(PoisonError::into_inner));
         for thread in threads {
             // A thread that panicked has told so.
@@ -279,6 +238,89 @@ impl Live {
 impl Drop for Live {
     fn drop(&mut self) {
         self.finish();
+    }
+}
+
+/// A board, or a film on a port of its own.
+struct Opened {
+    device: Device,
+    port: Box<dyn Port>,
+    controls: Option<Controls>,
+    /// What viewers are told that it is, and its name.
+    kind: &'static str,
+    name: String,
+    /// What is kept in force on it; a film is surveyed with it from the start.
+    kept: Option<Config>,
+}
+
+impl Opened {
+    fn open(source: &Source, speed: f64, config: Option<Config>) -> Result<Self, Error> {
+        Ok(match source {
+            Source::Device(device) => Self {
+                device: device.clone(),
+                port: device.connect().unwrap_or_else(|error| Box::new(Absent(Some(error)))),
+                controls: None,
+                kind: "device",
+                name: device.to_string(),
+                kept: config,
+            },
+            Source::File(path) => {
+                let film = Film::open(path, config)?;
+                let kind = film.kind();
+                let (player, controls) = Player::new(film, speed);
+                Self {
+                    // A film's end is no lost connection; one whose file fails is looked for at a port that nobody has.
+                    device: Device::Tcp { address: "127.0.0.1:0".to_owned() },
+                    port: Box::new(player),
+                    controls: Some(controls),
+                    kind,
+                    name: path.display().to_string(),
+                    kept: None,
+                }
+            }
+        })
+    }
+}
+
+/// The recorder's thread.
+fn record(opened: Opened, mut tape: LiveTape, heard: &SyncSender<Heard>, common: &Common) {
+    let Opened { device, port, kept, .. } = opened;
+    // The tape keeps its own errors: only the reader's thread can fail here, and the link's lamp shows that nothing comes.
+    let conversed = record::converse(
+        &device,
+        port,
+        &mut tape,
+        common.commands.outbox(),
+        kept,
+        |notice| {
+            let _full = heard.try_send(Heard::Notice(notice));
+        },
+        |summary| {
+            common.shared().summary = summary.clone();
+            !common.stop.load(Ordering::Relaxed)
+        },
+    );
+    if let Ok(summary) = conversed {
+        common.shared().summary = summary;
+    }
+    tape.finish();
+    common.recorded.store(true, Ordering::Relaxed);
+}
+
+/// The model's thread.
+fn show(mut model: Model, hears: &Receiver<Heard>, recorded: &AtomicBool) {
+    let mut told = Instant::now();
+    loop {
+        match hears.recv_timeout(TOLD / 4) {
+            Ok(heard) => model.hear(heard),
+            Err(RecvTimeoutError::Timeout) if !recorded.load(Ordering::Relaxed) => {}
+            // The recorder has ended and everything is heard: the last word.
+            Err(_) => return model.tell(),
+        }
+        if told.elapsed() >= TOLD {
+            told = Instant::now();
+            model.tell();
+        }
     }
 }
 

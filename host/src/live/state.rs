@@ -8,6 +8,7 @@ use super::faults::Fault;
 use super::lamps::Lamp;
 use super::player::Transport;
 use super::rock_test::RockTest;
+use crate::record::Amiss;
 
 /// Everything but sections, charts and track.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -140,14 +141,11 @@ impl Recording {
         let Self { frames, lost, lost_on_board, restarts, disconnected, unconfigured, ref error, .. } = *self;
         let said = [
             error.as_ref().map(|error| format!("ended early: {error}")),
-            (frames == 0).then(|| "no frame came".to_owned()),
             (lost > 0).then(|| format!("{lost} lost")),
             (lost_on_board > 0).then(|| format!("{lost_on_board} lost on the board")),
-            (restarts > 0).then(|| format!("{restarts} restarts of the board, before which not all was sent")),
-            disconnected.then(|| "not connected at the end".to_owned()),
-            unconfigured.then(|| "the configuration is not in force at the end, or not known to be".to_owned()),
         ];
-        said.into_iter().flatten().collect()
+        let end = Amiss { frames, restarts, disconnected, unconfigured };
+        said.into_iter().flatten().chain(end.words()).collect()
     }
 
     /// Whether nothing is [`amiss`](Self::amiss).

@@ -3,11 +3,12 @@
 //! Little endian; lengths and angles are 32-bit floats in metres and degrees, NaN = absent; points are pairs of 16-bit integers in steps
 //! of 4 mm, a sixth of a pixel when 30 m fill a screen.
 
-use crossfall_core::protocol::message::{Profile, Side, Slope};
+use crossfall_core::protocol::message::Profile;
 use crossfall_core::scan::Points;
 
-use crate::section::height_at_sensor;
+use crate::section::{self, Fitted, Part};
 use crate::units::{degrees, metres_f32 as metres};
+use crate::walk::places;
 
 /// First byte of a section.
 pub const SECTION: u8 = 1;
@@ -31,10 +32,21 @@ pub struct Piece {
     pub slope_deg: f32,
     /// Half width of its 95 % interval; NaN where there is none.
     pub ci95_deg: f32,
-    /// Points that support it, 0 for a road.
+    /// Points that support it; 0 for a road.
     pub points: u16,
     /// Its inner and its outer end.
     pub ends: [Place; 2],
+}
+
+impl Piece {
+    fn of(line: &Fitted) -> Self {
+        Self {
+            slope_deg: line.slope_deg as f32,
+            ci95_deg: line.ci95_deg.map_or(f32::NAN, |ci95| ci95 as f32),
+            points: line.points,
+            ends: [single(line.inner), single(line.outer)],
+        }
+    }
 }
 
 /// One side of a section.
@@ -71,23 +83,28 @@ impl Section {
     /// The section of a scan's levelled points and its profile.
     #[must_use]
     pub fn new(profile: &Profile, points: &Points) -> Self {
-        let points: Vec<Place> = points.iter().map(|echo| (metres(echo.point.y_um), metres(echo.point.z_um))).collect();
-        let side = |side: &Side, left: bool| SideView {
-            road: side.road.and_then(|angle| {
-                let edge = side.edge.map_or(if left { 3.0 } else { -3.0 }, |edge| metres(edge.y_um));
-                piece(degrees(angle), f32::NAN, 0, (0.0, edge), left, &points)
-            }),
+        let places = places(points);
+        let mut sides = [&profile.left, &profile.right].map(|side| SideView {
             edge: side.edge.map(|edge| (metres(edge.y_um), edge.ci95_um as f32 * 1e-6)),
-            adjacent: side.adjacent.and_then(|slope| of_slope(&slope, left, &points)),
-            opposing: side.opposing.and_then(|slope| of_slope(&slope, left, &points)),
             flags: side.flags | profile.flags,
-        };
+            ..SideView::default()
+        });
+        let [left, right] = &mut sides;
+        for line in section::lines(profile, &places) {
+            let side = if line.left { &mut *left } else { &mut *right };
+            let piece = match line.part {
+                Part::Road => &mut side.road,
+                Part::Adjacent => &mut side.adjacent,
+                Part::Opposing => &mut side.opposing,
+            };
+            *piece = Some(Piece::of(&line));
+        }
         Self {
             scan: profile.scan,
             time_s: profile.time.0 as f64 * 1e-6,
             roll_deg: degrees(profile.roll) as f32,
-            sides: [side(&profile.left, true), side(&profile.right, false)],
-            points,
+            sides,
+            points: places.into_iter().map(single).collect(),
         }
     }
 
@@ -122,27 +139,8 @@ impl Section {
     }
 }
 
-fn of_slope(slope: &Slope, left: bool, points: &[Place]) -> Option<Piece> {
-    let ci95 = degrees(slope.ci95) as f32;
-    let ci95 = if ci95 > 0.0 { ci95 } else { f32::NAN };
-    let ends = (metres(slope.start.y_um), metres(slope.end.y_um));
-    piece(degrees(slope.angle), ci95, slope.points, ends, left, points)
-}
-
-/// A line of a known inclination, at the median height of the points that it passes.
-fn piece(
-    slope_deg: f64,
-    ci95_deg: f32,
-    count: u16,
-    (from, to): (f32, f32),
-    left: bool,
-    points: &[Place],
-) -> Option<Piece> {
-    let rise = slope_deg.to_radians().tan() * if left { 1.0 } else { -1.0 };
-    let places = points.iter().map(|&(y, z)| (y.into(), z.into()));
-    let height = height_at_sensor(places, rise, (from.into(), to.into()), &mut Vec::new())?;
-    let at = |y: f32| (y, (height + rise * f64::from(y)) as f32);
-    Some(Piece { slope_deg: slope_deg as f32, ci95_deg, points: count, ends: [at(from), at(to)] })
+fn single((y, z): section::Place) -> Place {
+    (y as f32, z as f32)
 }
 
 /// One moment of the strip charts.
@@ -214,14 +212,5 @@ mod tests {
         let point = |at: usize| i16::from_le_bytes(bytes[at..at + 2].try_into().unwrap());
         let points = bytes.len() - 8;
         assert_eq!([point(points), point(points + 2), point(points + 4)], [250, -500, i16::MAX]);
-    }
-
-    #[test]
-    fn a_line_goes_through_the_middle_of_its_points() {
-        let points: Vec<Place> = (0..50).map(|i| (-3.0 - i as f32 * 0.1, -2.0 - i as f32 * 0.01)).collect();
-        let slope = (-0.1_f64).atan().to_degrees();
-        let found = piece(slope, 0.1, 50, (-3.0, -7.0), false, &points).unwrap();
-        assert!((found.ends[0].1 + 2.0).abs() < 1e-4 && (found.ends[1].1 + 2.4).abs() < 1e-4, "{found:?}");
-        assert_eq!(piece(slope, 0.1, 0, (3.0, 7.0), true, &points), None);
     }
 }

@@ -5,15 +5,15 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, OnceLock, mpsc};
-use std::thread::{self, JoinHandle};
+use std::sync::{Arc, OnceLock};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use crossfall::live::film::Film;
 use crossfall::live::player::Player;
 use crossfall::live::{Live, Source};
 use crossfall::record::Device;
-use crossfall::serve::{Access, serve};
+use crossfall::serve::Access;
 use crossfall::simulate::scene::Scene;
 use crossfall::stream::{Item, Stream};
 use crossfall::{capture, log, run, simulate};
@@ -24,6 +24,8 @@ use tempfile::TempDir;
 use tungstenite::client::IntoClientRequest;
 use tungstenite::http::{HeaderName, HeaderValue};
 use tungstenite::{Message as Frame, WebSocket, client};
+
+use crate::server::Server;
 
 /// No step of a test takes as long unless it fails.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -68,10 +70,10 @@ fn write(scene: &Scene, path: &Path) {
 /// A server and its folder of logs.
 pub struct Bench {
     pub address: SocketAddr,
+    // Ends before its folder goes.
+    _server: Server,
     pub folder: TempDir,
     pub board: Option<Board>,
-    stop: Arc<AtomicBool>,
-    server: Option<JoinHandle<()>>,
 }
 
 impl Bench {
@@ -135,28 +137,9 @@ impl Bench {
 
     fn start(source: &Source, speed: f64, access: Access, board: Option<Board>, config: Option<Config>) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let live = Arc::new(Live::start(source, folder.path(), speed, config).unwrap());
-        let stop = Arc::new(AtomicBool::new(false));
-        let (tell, told) = mpsc::channel();
-        let server = {
-            let stop = Arc::clone(&stop);
-            thread::spawn(move || {
-                let ready = |address| tell.send(address).unwrap();
-                let loopback = "127.0.0.1:0".parse().unwrap();
-                serve(Arc::clone(&live), loopback, access, ready, || !stop.load(Ordering::Relaxed)).unwrap();
-                live.finish();
-            })
-        };
-        let address = told.recv_timeout(PATIENCE).unwrap();
-        Self { address, folder, board, stop, server: Some(server) }
-    }
-}
-
-impl Drop for Bench {
-    fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        let ended = self.server.take().unwrap().join();
-        assert!(ended.is_ok() || thread::panicking());
+        let live = Live::start(source, folder.path(), speed, config).unwrap();
+        let server = Server::start(live, access);
+        Self { address: server.address, _server: server, folder, board }
     }
 }
 

@@ -6,6 +6,7 @@ mod devtools;
 #[path = "../program/mod.rs"]
 mod program;
 mod report;
+mod server;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};

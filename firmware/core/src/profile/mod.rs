@@ -9,6 +9,7 @@ use crossfall_protocol::message::{Hinge, Side, flags};
 
 use crate::scan::resample::Samples;
 use crate::scan::{self, MAX_BEAMS, Point, RawScan, RollTrack};
+use crate::sensors::lms2xx::Status;
 use heapless::Vec;
 
 /// Everything that measuring a scan needs besides its input. Owned by the caller, reused from scan to scan.
@@ -101,8 +102,7 @@ fn mirrored(mut side: Side) -> Side {
 fn scan_flags(scan: &RawScan) -> u16 {
     let whole = scan.mode.span_deg == 180 && scan.step_cdeg() == 50 && scan.partial().is_none() && scan.beams() == 361;
     let mut set = if whole { 0 } else { flags::PARTIAL_SCAN };
-    // TL, status byte. Bits 0-2: 0 is good and 1 information; bit 6: an implausible value; bit 7: pollution.
-    if scan.status & 7 > 1 || scan.status & 0xc0 != 0 {
+    if Status(scan.status).is_of_concern() {
         set |= flags::SCANNER_STATUS;
     }
     set

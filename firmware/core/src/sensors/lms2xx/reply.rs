@@ -1,6 +1,6 @@
 //! What the scanner answers, besides scans (TL sections 6 to 10).
 
-/// The status byte at the end of every reply.
+/// The status byte at the end of every reply. A scan of another family of scanners carries its state in the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Status(pub u8);
 
@@ -51,6 +51,12 @@ impl Status {
     #[must_use]
     pub fn polluted(self) -> bool {
         self.0 & 1 << 7 != 0
+    }
+
+    /// Whether what the scanner measures is in doubt: profiles are flagged, and whoever watches is to be told.
+    #[must_use]
+    pub fn is_of_concern(self) -> bool {
+        self.severity() > Severity::Information || self.implausible() || self.polluted()
     }
 }
 

@@ -94,6 +94,25 @@ impl Quality {
     }
 }
 
+/// The name of an INS status (INSPVAX, inertial solution status).
+#[must_use]
+pub fn state_name(status: u8) -> &'static str {
+    match status {
+        0 => "inactive",
+        1 => "aligning",
+        2 => "high variance",
+        3 => "solution good",
+        6 => "free inertial, no satellites",
+        7 => "alignment complete",
+        8 => "finding its orientation",
+        9 => "waiting for its first position",
+        10 => "waiting for its axes",
+        11 => "initializing biases",
+        12 => "movement detected",
+        _ => "state unknown",
+    }
+}
+
 /// A pose as the receiver gives it. Angles by its signs: roll positive = right side down, pitch positive = nose up,
 /// azimuth clockwise from north.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

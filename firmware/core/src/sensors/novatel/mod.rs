@@ -12,4 +12,4 @@ mod logs;
 pub use decoder::Decoder;
 pub use frame::{Header, LONGEST, LONGEST_BODY, crc32};
 pub use ieee::Number;
-pub use logs::{Event, InsSolution, InspvaxDetail, Log, Position, Quality, RawImu, TimeLog, id};
+pub use logs::{Event, InsSolution, InspvaxDetail, Log, Position, Quality, RawImu, TimeLog, id, state_name};
