@@ -181,14 +181,11 @@ pub fn read(path: &Path) -> Result<Drive, Error> {
     let mut stream = Stream::open(path)?;
     let mut gatherer = Gatherer::new(Config::default(), MOST_SCANS);
     let mut stretches = Stretches::default();
-    let (mut room, mut damage) = (RawScan::EMPTY, 0);
+    let (mut room, mut undecodable) = (RawScan::EMPTY, 0);
     while !gatherer.is_full()
         && let Some((_, item)) = stream.next()
     {
-        let Item::Message { message, gap } = item else {
-            damage += 1;
-            continue;
-        };
+        let Item::Message { message, gap } = item else { continue };
         // Where the hello that tells of the boot is lost, time tells.
         let restarted = match (gap, &message) {
             (Gap::Restarted, _) => true,
@@ -199,20 +196,19 @@ pub fn read(path: &Path) -> Result<Drive, Error> {
         if restarted {
             stretches.add(gatherer.restart());
         }
-        damage += u64::from(matches!(gap, Gap::Missing(_) | Gap::Unknown));
         match message {
             Message::Config(config) => gatherer.configure(config),
             Message::Pose(pose) => gatherer.pose(&pose),
             Message::Scan(_) => match Event::of(&message, &mut room) {
                 Ok(_) => gatherer.scan(&room),
-                Err(_) => damage += 1,
+                Err(_) => undecodable += 1,
             },
             _ => {}
         }
     }
     interrupt::check()?;
     stretches.add(gatherer.into_drive());
-    Ok(Drive { damage, ..stretches.longest() })
+    Ok(Drive { damage: stream.losses() + undecodable, ..stretches.longest() })
 }
 
 /// The stretches of a log between two boots of the board.

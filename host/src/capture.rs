@@ -73,7 +73,7 @@ pub struct Reader {
     span_ns: Option<(u64, u64)>,
     /// Chunks that wait for their turn, by time and then by place in the file.
     waiting: BTreeMap<(u64, u64, usize), Chunk>,
-    unknown: BTreeMap<String, u64>,
+    foreign: BTreeMap<String, u64>,
     errors: VecDeque<Error>,
     stopped: bool,
 }
@@ -136,7 +136,7 @@ impl Reader {
             channels,
             span_ns,
             waiting: BTreeMap::new(),
-            unknown: BTreeMap::new(),
+            foreign: BTreeMap::new(),
             errors,
             stopped: false,
         })
@@ -169,7 +169,7 @@ impl Reader {
     /// Messages passed over so far because their channel is none of a capture's, by topic.
     #[must_use]
     pub fn foreign_messages(&self) -> &BTreeMap<String, u64> {
-        &self.unknown
+        &self.foreign
     }
 
     /// Loads every MCAP chunk that may hold something earlier than what waits.
@@ -185,7 +185,7 @@ impl Reader {
                 let topic = self.channels.get(&message.channel);
                 let Some(channel) = topic.and_then(|topic| Channel::from_topic(topic)) else {
                     let name = topic.map_or_else(|| format!("channel {}", message.channel), Clone::clone);
-                    *self.unknown.entry(name).or_default() += 1;
+                    *self.foreign.entry(name).or_default() += 1;
                     continue;
                 };
                 let chunk = Chunk { channel, device_time_ns: message.log_time, data: message.data };

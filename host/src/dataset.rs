@@ -5,11 +5,11 @@
 //! The date is that of the first scan with a GPS time, in UTC.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 use std::time::UNIX_EPOCH;
+use std::{fs, io};
 
 use crate::calendar::{Date, unix_of_gps};
 use crate::intervals::{Every, Gather};
@@ -136,7 +136,7 @@ pub enum Stopped {
 ///
 /// # Errors
 /// When the sink fails or the user asks to stop.
-pub fn stream<W: std::io::Write + Send>(
+pub fn stream<W: io::Write + Send>(
     rows: Rows,
     every: Option<Every>,
     format: Format,
@@ -188,7 +188,7 @@ impl RowSink {
 }
 
 /// Writes a table of the rows that `make` pushes on a thread of its own.
-fn tabulate<W: std::io::Write + Send, T: Send>(
+fn tabulate<W: io::Write + Send, T: Send>(
     Wanted { every, format, notes }: Wanted<'_>,
     out: W,
     make: impl FnOnce(&mut RowSink) -> T + Send,
@@ -361,10 +361,14 @@ fn partition(
 /// What a partition is made from and how, as it notes it. A log that grows or is replaced has another size or another time, also an older one.
 fn origin(log: &Path, every: Option<Every>) -> Result<Vec<Note>, container::Error> {
     let (mut bytes, mut newest) = (0, UNIX_EPOCH);
-    // All files of the drive.
+    // All files of the drive that are there.
     for file in crate::log::Parts::of(log)?.files {
         let unreadable = |source| container::Error::Io { path: file.clone(), source };
-        let found = fs::metadata(&file).map_err(unreadable)?;
+        let found = match fs::metadata(&file) {
+            // The reader tells it as damage of the drive.
+            Err(missing) if missing.kind() == io::ErrorKind::NotFound => continue,
+            found => found.map_err(unreadable)?,
+        };
         bytes += found.len();
         newest = newest.max(found.modified().map_err(unreadable)?);
     }

@@ -116,6 +116,14 @@ pub struct Health {
     pub flagged: [u64; 16],
 }
 
+impl Health {
+    /// Parts of the drive that are damaged, broken or missing, profiles without their scan included.
+    #[must_use]
+    pub fn passed_over(&self) -> u64 {
+        self.damage + self.unmatched
+    }
+}
+
 /// A drive.
 #[derive(Clone, Debug, Default)]
 pub struct Drive {
@@ -248,8 +256,8 @@ impl Drive {
     /// Whether nothing was lost on the way. What a board had under way when it booted again nobody knows.
     #[must_use]
     pub fn is_whole(&self) -> bool {
-        let Health { damage, unmatched, totals, .. } = &self.health;
-        *damage == 0 && *unmatched == 0 && totals.restarts() == 0 && totals.losses().is_empty()
+        let totals = &self.health.totals;
+        self.health.passed_over() == 0 && totals.restarts() == 0 && totals.losses().is_empty()
     }
 
     /// Scans that have a flag.

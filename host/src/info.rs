@@ -38,6 +38,17 @@ pub struct Info {
     pub about: BTreeMap<String, String>,
     /// Damage of the file itself, in words.
     pub damage: Vec<String>,
+    /// Damaged parts, broken frames and gaps.
+    #[serde(skip)]
+    losses: u64,
+}
+
+impl Info {
+    /// Whether nothing of the file is damaged, broken or missing.
+    #[must_use]
+    pub fn is_whole(&self) -> bool {
+        self.losses == 0
+    }
 }
 
 /// Looks at a capture or a log.
@@ -51,10 +62,10 @@ pub fn look(path: &Path) -> Result<Info, Error> {
     }
 }
 
-fn look_at_capture(capture: Reader) -> Result<Info, Error> {
+fn look_at_capture(mut capture: Reader) -> Result<Info, Error> {
     let (first, last) = capture.span_ns().unwrap_or_default();
     let mut info = Info { kind: "capture", seconds: last.saturating_sub(first) as f64 * 1e-9, ..Info::default() };
-    let (family, chunks) = scanner::of_chunks(capture);
+    let (family, chunks) = scanner::of_chunks(capture.by_ref());
     match family {
         // The mode only says what the ranges mean: every scan is counted.
         Family::Lms2xx => look_at_chunks(chunks, lms2xx::Decoder::new(6), &mut info)?,
@@ -64,6 +75,10 @@ fn look_at_capture(capture: Reader) -> Result<Info, Error> {
     if info.scans > 0 {
         info.about.insert("scanner".to_owned(), family.name().to_owned());
     }
+    for (topic, count) in capture.foreign_messages() {
+        info.counters.insert(format!("foreign.{topic}"), *count);
+    }
+    info.losses = info.damage.len() as u64;
     Ok(info)
 }
 
@@ -151,6 +166,7 @@ fn look_at_log(mut log: Stream) -> Result<Info, Error> {
         }
     }
     info.seconds = span.seconds();
+    info.losses = log.losses();
     Ok(info)
 }
 

@@ -55,10 +55,7 @@ impl Output {
             let to = followed(path).map_err(wrap)?;
             free(&to).map_err(wrap)?;
             let name = to.file_name().ok_or_else(|| wrap(io::Error::other("the path names no file")))?;
-            let folder = match to.parent() {
-                Some(folder) if !folder.as_os_str().is_empty() => folder,
-                _ => Path::new("."),
-            };
+            let folder = folder_of(&to);
             let mut prefix = std::ffi::OsString::from(".");
             prefix.push(name);
             let mut builder = tempfile::Builder::new();
@@ -109,6 +106,12 @@ impl Output {
 
 /// Links that lead from one to the next at most, as on Linux.
 const LINKS: usize = 40;
+
+/// The folder of a file: that in which the program runs, if the path names none.
+#[must_use]
+pub fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
 
 /// The file that a path names, also through links to one that is not there yet.
 fn followed(path: &Path) -> io::Result<PathBuf> {

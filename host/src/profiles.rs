@@ -227,7 +227,6 @@ pub struct Rows {
     stream: Stream,
     track: Track,
     ready: VecDeque<Row>,
-    damage: u64,
 }
 
 impl Rows {
@@ -236,13 +235,13 @@ impl Rows {
     /// # Errors
     /// As of [`Stream::open`].
     pub fn open(path: &Path) -> Result<Self, Error> {
-        Ok(Self { stream: Stream::open(path)?, track: Track::default(), ready: VecDeque::new(), damage: 0 })
+        Ok(Self { stream: Stream::open(path)?, track: Track::default(), ready: VecDeque::new() })
     }
 
     /// Damaged parts, broken frames and gaps passed so far.
     #[must_use]
     pub fn damage(&self) -> u64 {
-        self.damage
+        self.stream.losses()
     }
 
     /// How far the log has been read, in bytes of all its files.
@@ -258,14 +257,9 @@ impl Iterator for Rows {
     fn next(&mut self) -> Option<Row> {
         while self.ready.is_empty() {
             let (_, item) = self.stream.next()?;
-            let Item::Message { message, gap } = item else {
-                self.damage += 1;
-                continue;
-            };
-            match gap {
-                Gap::None => {}
-                Gap::Missing(_) | Gap::Unknown => self.damage += 1,
-                Gap::Restarted => self.track.restart(),
+            let Item::Message { message, gap } = item else { continue };
+            if gap == Gap::Restarted {
+                self.track.restart();
             }
             match message {
                 Message::Pose(pose) => self.track.push(&pose),

@@ -55,6 +55,7 @@ pub struct Stream {
     sequence: Sequence,
     place: Place,
     frames: u64,
+    losses: u64,
     record: Vec<u8>,
     taken: usize,
 }
@@ -83,6 +84,7 @@ impl Stream {
             sequence: Sequence::new(),
             place: Place::default(),
             frames: 0,
+            losses: 0,
             record: Vec::new(),
             taken: 0,
         }
@@ -106,6 +108,12 @@ impl Stream {
         self.frames
     }
 
+    /// Damaged parts, broken frames and gaps so far. A board that boots again has none.
+    #[must_use]
+    pub fn losses(&self) -> u64 {
+        self.losses
+    }
+
     /// The next item; a lending iterator, as messages borrow from the frame. It ends early when the user asks to stop: [`check`](crate::interrupt::check) tells.
     #[expect(clippy::should_implement_trait, reason = "an iterator cannot lend")]
     pub fn next(&mut self) -> Option<(Place, Item<'_>)> {
@@ -118,6 +126,7 @@ impl Stream {
             match read {
                 Err(Error::Interrupted) => return None,
                 Err(error) => {
+                    self.losses += 1;
                     let place = Place { offset: error.offset().unwrap_or(self.place.offset), ..self.place };
                     return Some((Place { frame: self.frames, ..place }, Item::Damage(error)));
                 }
@@ -128,6 +137,7 @@ impl Stream {
                     self.taken = 0;
                     if self.record.is_empty() {
                         let fault = Fault::Truncated;
+                        self.losses += 1;
                         return Some((self.place, Item::Rejected { fault, bytes: 0 }));
                     }
                 }
@@ -143,6 +153,7 @@ impl Stream {
             let bytes = rest.len() as u64;
             while self.decoder.next(&mut input).is_some() {}
             self.decoder.finish();
+            self.losses += 1;
             return Some((place, Item::Rejected { fault: Fault::Truncated, bytes }));
         }
         let before = input.len();
@@ -152,9 +163,11 @@ impl Stream {
             Event::Frame(frame) => {
                 place.sequence = Some(frame.sequence);
                 let gap = self.sequence.observe_message(frame.sequence, &frame.body);
+                self.losses += u64::from(matches!(gap, Gap::Missing(_) | Gap::Unknown));
                 Item::Message { message: frame.body, gap }
             }
             Event::Rejected(rejected) => {
+                self.losses += 1;
                 place.sequence = rejected.sequence;
                 if let Some(sequence) = rejected.sequence {
                     self.sequence.observe(sequence);

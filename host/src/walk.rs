@@ -29,7 +29,7 @@ pub struct Walk {
     config: Config,
     recent: VecDeque<Held>,
     room: RawScan,
-    damage: u64,
+    undecodable: u64,
     unmatched: u64,
     totals: Totals,
 }
@@ -69,16 +69,16 @@ impl Walk {
             config: Config::default(),
             recent: VecDeque::new(),
             room: RawScan::EMPTY,
-            damage: 0,
+            undecodable: 0,
             unmatched: 0,
             totals: Totals::default(),
         })
     }
 
-    /// Damaged parts, broken frames and gaps passed so far.
+    /// Damaged parts, broken frames and gaps passed so far, and scans that do not decode.
     #[must_use]
     pub fn damage(&self) -> u64 {
-        self.damage
+        self.stream.losses() + self.undecodable
     }
 
     /// Profiles whose scan is not in the log.
@@ -104,19 +104,12 @@ impl Walk {
     pub fn next(&mut self, mut see: impl FnMut(&Message<'_>, &Track) -> bool) -> Option<Step<'_>> {
         let profile = loop {
             let (_, item) = self.stream.next()?;
-            let Item::Message { message, gap } = item else {
-                self.damage += 1;
-                continue;
-            };
-            match gap {
-                Gap::None => {}
-                Gap::Missing(_) | Gap::Unknown => self.damage += 1,
-                Gap::Restarted => {
-                    self.totals.restart();
-                    self.track.restart();
-                    self.history.clear();
-                    self.recent.clear();
-                }
+            let Item::Message { message, gap } = item else { continue };
+            if gap == Gap::Restarted {
+                self.totals.restart();
+                self.track.restart();
+                self.history.clear();
+                self.recent.clear();
             }
             match message {
                 Message::Config(config) => {
@@ -142,7 +135,7 @@ impl Walk {
                         let scan = Message::Scan(Scan { code: &held.code, ..held.header });
                         match Event::of(&scan, &mut self.room) {
                             Ok(_) => break profile,
-                            Err(_) => self.damage += 1,
+                            Err(_) => self.undecodable += 1,
                         }
                     }
                 }

@@ -40,6 +40,8 @@ pub struct Untold {
     pub malformed: u64,
     /// Damaged or broken frames.
     pub broken: u64,
+    /// Gaps, of missing frames.
+    pub gaps: u64,
 }
 
 impl Untold {
@@ -139,5 +141,6 @@ pub fn read<E: From<Error>>(
         out(line(log.time, level, false, String::from_utf8_lossy(log.text).into_owned()))?;
     }
     interrupt::check()?;
+    untold.gaps = stream.losses() - untold.broken;
     Ok(untold)
 }

@@ -431,6 +431,37 @@ fn a_stopped_data_set_goes_on_where_it_was() {
     assert_eq!(Partition::of(&logs[0], None).unwrap().drive, "run0");
 }
 
+/// One file of a drive is gone: the partition has what the table has, and the loss is told.
+#[test]
+fn a_drive_with_a_missing_file_is_taken_into_a_data_set() {
+    let folder = tempfile::tempdir().unwrap();
+    let first = folder.path().join("rot.log.mcap");
+    let options = log::Options { max_bytes: 100_000, ..log::Options::default() };
+    let mut writer = log::Writer::create_with(&first, options).unwrap();
+    for frame in log::Reader::open(&drive().log()).unwrap().map(Result::unwrap) {
+        writer.frame(frame.receive_ns, &frame.bytes).unwrap();
+    }
+    assert!(writer.parts() >= 3);
+    writer.finish().unwrap();
+    let (second, aside) = (folder.path().join("rot.log.part0002.mcap"), folder.path().join("aside"));
+    fs::rename(&second, &aside).unwrap();
+    let command = |output: &str, code: i32| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_crossfall"));
+        let ended = command.current_dir(&folder).args(["profiles", "rot.log.mcap", "-o", output]).output().unwrap();
+        let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+        assert_eq!(ended.status.code(), Some(code), "{said}");
+        let rows = said.lines().find_map(|line| line.strip_suffix(" rows")?.rsplit(' ').next()?.parse::<usize>().ok());
+        (rows, said)
+    };
+    let (table, said) = command("rot.csv", 3);
+    assert!(table.is_some_and(|rows| rows < drive().rows.len()), "{said}");
+    let (partition, said) = command("set/", 3);
+    assert!(partition == table && said.contains("1 damaged, broken or missing parts passed over"), "{said}");
+    // The file has been found again.
+    fs::rename(&aside, &second).unwrap();
+    assert_eq!(command("set/", 0).0, Some(drive().rows.len()));
+}
+
 #[test]
 fn the_report_is_one_page_that_needs_nothing_else() {
     let made = drive();

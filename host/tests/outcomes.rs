@@ -10,8 +10,8 @@ use std::process::Stdio;
 
 use crossfall::log::{self, metadata};
 use crossfall_core::protocol::frame::{MAX_MESSAGE_FRAME, Sequencer};
-use crossfall_core::protocol::message::{Hello, Message};
-use crossfall_core::protocol::schema;
+use crossfall_core::protocol::message::{Hello, Message, Status};
+use crossfall_core::protocol::{DeviceTime, schema};
 use program::{crossfall, ended, ends};
 use tempfile::TempDir;
 
@@ -347,4 +347,69 @@ fn info_tells_of_a_drive_and_not_of_its_last_file_and_by_its_status_what_is_miss
     write("holed.log.mcap", &holed, log::Options::default());
     let (told, _) = ends(at, &["info", "holed.log.mcap", "--json"], 3);
     assert_eq!(json(&told)["counters"]["link.missing_frames"], 3);
+}
+
+/// A link that was lost for minutes: so long that the frames' numbers do not count what is missing.
+#[test]
+fn a_gap_that_nobody_can_count_is_told_by_every_command_that_reads_the_log() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let (mut sequencer, mut frame) = (Sequencer::new(), [0; MAX_MESSAGE_FRAME]);
+    let mut log = log::Writer::create(&at.join("gap.log.mcap")).unwrap();
+    for second in 0..200_u64 {
+        let message = Message::Status(Status { time: DeviceTime(second * 1_000_000), ..Status::default() });
+        let length = sequencer.message(&message, &mut frame).unwrap();
+        if second == 0 || second == 199 {
+            log.frame(second * 1_000_000_000, &frame[..length]).unwrap();
+        }
+        // What was sent meanwhile and never heard.
+        (0..350).for_each(|_| _ = sequencer.take());
+    }
+    log.finish().unwrap();
+    let (told, _) = ends(at, &["info", "gap.log.mcap", "--json"], 3);
+    let counters = &json(&told)["counters"];
+    assert_eq!((&counters["link.unknown_gaps"], &counters["link.missing_frames"]), (&1.into(), &0.into()), "{told}");
+    ends(at, &["verify", "gap.log.mcap"], 3);
+    let (_, error) = ends(at, &["profiles", "gap.log.mcap", "-o", "gap.csv"], 3);
+    assert!(error.contains("1 damaged, broken or missing parts passed over"), "{error}");
+    let (_, error) = ends(at, &["messages", "gap.log.mcap"], 3);
+    assert!(error.contains("1 gaps where frames are missing") && !error.contains("has said nothing"), "{error}");
+}
+
+#[test]
+fn what_pictures_pass_over_is_told() {
+    let folder = drive();
+    let at = folder.path();
+    let frames: Vec<_> =
+        log::Reader::open(&at.join("drive.log.mcap")).unwrap().map(|frame| frame.unwrap().bytes).collect();
+    let mut log = log::Writer::create(&at.join("holed.log.mcap")).unwrap();
+    for (frame, at_ns) in [&frames[..100], &frames[103..]].concat().iter().zip((0..).step_by(10_000_000)) {
+        log.frame(at_ns, frame).unwrap();
+    }
+    log.finish().unwrap();
+    let told = |arguments: &[&str]| {
+        let (_, error) = ends(at, arguments, 3);
+        let line = error.lines().find(|line| line.contains("damaged, broken or missing parts passed over"));
+        line.unwrap_or_else(|| panic!("{arguments:?}: {error}")).to_owned()
+    };
+    let report = told(&["report", "holed.log.mcap", "-o", "page.html"]);
+    assert!(report.starts_with("holed.log.mcap: "), "{report}");
+    assert_eq!(told(&["plot", "holed.log.mcap", "-o", "pictures"]), report);
+    assert_eq!(told(&["export", "holed.log.mcap", "--foxglove", "fox.mcap"]), report);
+}
+
+#[test]
+fn what_a_capture_holds_beside_its_channels_is_told() {
+    let folder = drive();
+    let at = folder.path();
+    let mut bytes = fs::read(at.join("drive.mcap")).unwrap();
+    let (name, other) = (b"\x03\0\0\0ins", b"\x03\0\0\0imu");
+    let found: Vec<_> = (0..bytes.len() - name.len()).filter(|&at| bytes[at..].starts_with(name)).collect();
+    for at in found {
+        bytes[at..at + other.len()].copy_from_slice(other);
+    }
+    fs::write(at.join("foreign.mcap"), &bytes).unwrap();
+    let (told, _) = ends(at, &["info", "foreign.mcap", "--json"], 0);
+    let told = json(&told);
+    assert!(told["poses"] == 0 && told["counters"]["foreign.imu"].as_u64().unwrap() > 100, "{told}");
 }

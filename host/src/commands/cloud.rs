@@ -9,7 +9,7 @@ use anyhow::Context;
 use crossfall::cloud::{self, Class, Format};
 
 use super::progress::Progress;
-use super::{Outcome, distinct, drives, paths, say_json, tell};
+use super::{Outcome, distinct, drives, paths, say_json, tell, tell_passed_over};
 
 /// Write the returns as a point cloud on the map (LAS, LAZ, PLY)
 #[derive(clap::Args)]
@@ -60,8 +60,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if made.too_far > 0 {
         tell!("{} returns lie more than 2,000 km from the first and are not in it", made.too_far);
     }
-    if made.damage > 0 {
-        tell!("{} damaged, broken or missing parts passed over; see `crossfall verify`", made.damage);
-    }
-    Ok(Outcome::lost_if(made.damage > 0 || made.too_far > 0))
+    let one = if let [log] = logs.as_slice() { Some(log.as_path()) } else { None };
+    let lost = tell_passed_over(one, made.damage);
+    Ok(Outcome::lost_if(lost || made.too_far > 0))
 }

@@ -17,7 +17,7 @@ use crossfall::output;
 use crossfall::plot::{self, Courses, Twice, Words};
 
 use super::plot::Theme;
-use super::{Outcome, drives, number, say, say_json, tell};
+use super::{Outcome, drives, number, say, say_json, tell, tell_passed_over};
 
 /// Hold drives against each other, against measurements by hand, or two inertial units of one drive
 #[derive(clap::Args)]
@@ -214,10 +214,7 @@ fn drives(args: &Args) -> anyhow::Result<Outcome> {
     let none_by_hand = !by_hand.is_empty() && by_hand.iter().all(|held| held.all.matched == 0);
     anyhow::ensure!(!none_by_hand, "no measurement by hand is at a place with a slope");
     let damage: u64 = drives.iter().map(|drive| drive.damage).sum();
-    if damage > 0 {
-        tell!("{damage} damaged parts or gaps of the logs were passed over");
-    }
-    Ok(Outcome::lost_if(damage > 0))
+    Ok(Outcome::lost_if(tell_passed_over(None, damage)))
 }
 
 fn repeat_text(found: &Repeat) -> String {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::progress::Progress;
-use super::{Outcome, distinct, drives, tell};
+use super::{Outcome, distinct, drives, tell, tell_passed_over};
 
 /// Write a log for other viewers (Foxglove)
 #[derive(clap::Args)]
@@ -25,8 +25,5 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let made = crossfall::export::foxglove(&args.log, &args.foxglove, |offset| progress.at(offset))?;
     drop(progress);
     tell!("{}: {} profiles", args.foxglove.display(), made.profiles);
-    if made.damage > 0 {
-        tell!("{} damaged, broken or missing parts passed over; see `crossfall verify`", made.damage);
-    }
-    Ok(Outcome::lost_if(made.damage > 0))
+    Ok(Outcome::lost_if(tell_passed_over(Some(&args.log), made.damage)))
 }

@@ -44,6 +44,5 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             tell!("{damage}");
         }
     }
-    let lost = ["link.missing_frames", "link.bad_frames"].iter().any(|name| info.counters.get(*name) > Some(&0));
-    Ok(Outcome::lost_if(lost || !info.damage.is_empty()))
+    Ok(Outcome::lost_if(!info.is_whole()))
 }

@@ -53,5 +53,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if untold.broken > 0 {
         tell!("{} broken frames, which may have held more", untold.broken);
     }
-    Ok(Outcome::lost_if(untold.malformed > 0 || untold.broken > 0))
+    if untold.gaps > 0 {
+        tell!("{} gaps where frames are missing, which may have held more", untold.gaps);
+    }
+    Ok(Outcome::lost_if(untold.malformed > 0 || untold.broken > 0 || untold.gaps > 0))
 }

@@ -33,8 +33,10 @@ mod verify;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
+use anyhow::Context;
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
+use crossfall::{output, table};
 use crossfall_core::protocol::Config;
 
 pub use terminal::visible;
@@ -190,6 +192,15 @@ macro_rules! tell {
 }
 use tell;
 
+/// Tells how much of a log, or of several, was passed over; true when it was any.
+fn tell_passed_over(log: Option<&Path>, parts: u64) -> bool {
+    if parts > 0 {
+        let log = log.map(|log| format!("{}: ", log.display())).unwrap_or_default();
+        tell!("{log}{parts} damaged, broken or missing parts passed over; see `crossfall verify`");
+    }
+    parts > 0
+}
+
 /// Says that a log is being recorded, since what is `done` with it ends where the recording is now.
 fn tell_growing(logs: &[PathBuf], done: &str) {
     for log in logs.iter().filter(|log| crossfall::log::is_being_written(log)) {
@@ -212,6 +223,12 @@ fn number(low: f64, high: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
     }
 }
 
+/// The format of a table by its name.
+fn table_format(path: &Path) -> anyhow::Result<table::Format> {
+    let format = table::Format::of(path);
+    format.with_context(|| format!("{}: expected a name that ends in .csv, .parquet or .geojson", path.display()))
+}
+
 /// Paths, as [`distinct`] takes them.
 fn paths<'a>(all: impl IntoIterator<Item = &'a PathBuf>) -> Vec<&'a Path> {
     all.into_iter().map(PathBuf::as_path).collect()
@@ -221,10 +238,7 @@ fn paths<'a>(all: impl IntoIterator<Item = &'a PathBuf>) -> Vec<&'a Path> {
 fn distinct(inputs: &[&Path], outputs: &[&Path]) -> anyhow::Result<()> {
     // A file that is not there yet is known by its folder. What is no file (`/dev/null`) takes all there is.
     let real = |path: &Path| {
-        path.canonicalize().ok().or_else(|| {
-            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-            Some(folder.canonicalize().ok()?.join(path.file_name()?))
-        })
+        path.canonicalize().ok().or_else(|| Some(output::folder_of(path).canonicalize().ok()?.join(path.file_name()?)))
     };
     let inputs: Vec<_> = inputs.iter().filter_map(|input| real(input)).collect();
     let mut written = Vec::new();

@@ -15,7 +15,7 @@ use crossfall::section::Section;
 use crossfall::{output, section};
 
 use super::progress::Progress;
-use super::{Outcome, drives, tell};
+use super::{Outcome, drives, tell, tell_passed_over};
 
 /// Metres of road in the picture of the cloud.
 const VIEW_M: f64 = 60.0;
@@ -114,7 +114,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     for path in paths {
         tell!("{}", path.display());
     }
-    Ok(Outcome::lost_if(drives.iter().any(|drive| drive.health.damage > 0)))
+    let mut lost = false;
+    for (drive, log) in drives.iter().zip(&logs) {
+        lost |= tell_passed_over(Some(log), drive.health.passed_over());
+    }
+    Ok(Outcome::lost_if(lost))
 }
 
 /// Where pictures go; the folder is made for the first one.

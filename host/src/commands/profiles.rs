@@ -18,7 +18,7 @@ use crossfall::table::{self, Format, Table};
 use crossfall::{fuse, interrupt};
 
 use super::progress::Progress;
-use super::{Outcome, distinct, drives, has_read_enough, say, say_json, tell, usage};
+use super::{Outcome, distinct, drives, has_read_enough, say, say_json, table_format, tell, tell_passed_over, usage};
 
 /// Write the table of profiles (CSV, Parquet, GeoJSON), of one drive or of many
 #[derive(clap::Args)]
@@ -91,10 +91,7 @@ fn one(args: &Args, log: &Path) -> anyhow::Result<Outcome> {
             Err(interrupted @ Stopped::Interrupted) => return Err(interrupted.into()),
         }
     } else {
-        let format = Format::of(&args.output);
-        let format = format.with_context(|| {
-            format!("{}: expected a name that ends in .csv, .parquet or .geojson", args.output.display())
-        })?;
+        let format = table_format(&args.output)?;
         distinct(&[log], &[&args.output])?;
         let progress = Progress::new("profiles", drives::size(log));
         let written = dataset::write(log, args.every, format, &args.output, |at| progress.at(at))?;
@@ -106,10 +103,7 @@ fn one(args: &Args, log: &Path) -> anyhow::Result<Outcome> {
 }
 
 fn fused(args: &Args, first: &Path, second: &Path) -> anyhow::Result<Outcome> {
-    let format = Format::of(&args.output);
-    let format = format.with_context(|| {
-        format!("{}: expected a name that ends in .csv, .parquet or .geojson", args.output.display())
-    })?;
+    let format = table_format(&args.output)?;
     distinct(&[first, second], &[&args.output])?;
     let read = |log: &Path| {
         let progress = Progress::new("read", drives::size(log));
@@ -132,17 +126,15 @@ fn fused(args: &Args, first: &Path, second: &Path) -> anyhow::Result<Outcome> {
         output.commit()?;
         tell!("{}: {} stretches", args.output.display(), stretches.len());
     }
+    let mut lost = false;
     for (drive, log) in [(&one, first), (&other, second)] {
         let unreliable = drive.unreliable(side);
         if unreliable > 0 {
             tell!("{}: {} on the {name}", log.display(), left_out(unreliable, "section"));
         }
+        lost |= tell_passed_over(Some(log), drive.health.damage);
     }
-    let damage = one.health.damage + other.health.damage;
-    if damage > 0 {
-        tell!("{damage} damaged, broken or missing parts passed over; see `crossfall verify`");
-    }
-    Ok(Outcome::lost_if(damage > 0))
+    Ok(Outcome::lost_if(lost))
 }
 
 fn write_all<W: io::Write + Send>(stretches: &[fuse::Fused], format: Format, out: W) -> io::Result<W> {
@@ -195,14 +187,7 @@ fn losses(log: &Path, written: &Written) -> bool {
     if written.unreliable > 0 {
         tell!("{}: {}", log.display(), left_out(written.unreliable, "row"));
     }
-    if written.damage > 0 {
-        tell!(
-            "{}: {} damaged, broken or missing parts passed over; see `crossfall verify`",
-            log.display(),
-            written.damage
-        );
-    }
-    written.damage > 0
+    tell_passed_over(Some(log), written.damage)
 }
 
 /// How a table on stdout that ended early has ended: well, if its reader has read enough.

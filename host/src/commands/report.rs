@@ -5,13 +5,11 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
 use crossfall::drive::Drive;
-use crossfall::table::Format;
 use crossfall::{dataset, output, report};
 
 use super::progress::Progress;
-use super::{Outcome, distinct, drives, tell};
+use super::{Outcome, distinct, drives, table_format, tell, tell_passed_over};
 
 /// Write the report of a drive: one self-contained HTML page
 #[derive(clap::Args)]
@@ -38,7 +36,7 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let outputs: Vec<&Path> = args.profiles.iter().map(PathBuf::as_path).chain([args.output.as_path()]).collect();
     distinct(&[&args.log], &outputs)?;
-    let table = args.profiles.as_deref().map(|to| table(to)).transpose()?;
+    let table = args.profiles.as_deref().map(|to| anyhow::Ok((to, table_format(to)?))).transpose()?;
     drives::of(std::slice::from_ref(&args.log));
     let progress = Progress::new("report", drives::size(&args.log));
     let (drive, written) = match table {
@@ -64,17 +62,5 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if let Some(written) = written {
         tell!("{}: {} rows", written.path.display(), written.rows.unwrap_or_default());
     }
-    let lost = drive.health.damage + drive.health.unmatched;
-    if lost > 0 {
-        tell!("{}: {lost} damaged, broken or missing parts passed over; see `crossfall verify`", args.log.display());
-    }
-    Ok(Outcome::lost_if(lost > 0))
-}
-
-/// Where the table of profiles goes, and its format by its name.
-fn table(to: &Path) -> anyhow::Result<(&Path, Format)> {
-    let format = Format::of(to);
-    let format =
-        format.with_context(|| format!("{}: expected a name that ends in .csv, .parquet or .geojson", to.display()))?;
-    Ok((to, format))
+    Ok(Outcome::lost_if(tell_passed_over(Some(&args.log), drive.health.passed_over())))
 }

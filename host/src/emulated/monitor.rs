@@ -20,9 +20,8 @@ const UART_BUS_HZ: u32 = 42_000_000;
 /// Register of the counter that stamps everything (TIM5_CNT; RM0090, 18.4.10).
 const COUNTER: u32 = 0x4000_0c24;
 
-/// Registers that hold the UARTs' dividers (USART_BRR; RM0090, 30.6.3).
+/// Register that holds the divider of the scanner's UART (USART_BRR; RM0090, 30.6.3).
 const SCANNER_DIVIDER: u32 = 0x4000_4808;
-const INS_DIVIDER: u32 = 0x4000_4c08;
 
 /// Status of UART5, which takes the pulse, and its flag for a byte that has not been read (USART_SR, RXNE; RM0090, 30.6.1).
 const PULSE_STATUS: u32 = 0x4000_5000;
@@ -117,19 +116,7 @@ impl Monitor {
     /// # Errors
     /// As [`Monitor::word`].
     pub fn scanner_baud(&mut self) -> io::Result<u32> {
-        self.baud(SCANNER_DIVIDER)
-    }
-
-    /// Likewise the inertial unit's line.
-    ///
-    /// # Errors
-    /// As [`Monitor::word`].
-    pub fn ins_baud(&mut self) -> io::Result<u32> {
-        self.baud(INS_DIVIDER)
-    }
-
-    fn baud(&mut self, register: u32) -> io::Result<u32> {
-        Ok(UART_BUS_HZ / self.word(register)?.max(1))
+        Ok(UART_BUS_HZ / self.word(SCANNER_DIVIDER)?.max(1))
     }
 }
 

@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 
 use super::{Error, Frame, PARTS, Reader, metadata};
 use crate::container;
+use crate::output::folder_of;
 
 /// The files of a recording.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -258,8 +259,7 @@ fn number_of(first: &Path, name: &str) -> Option<u32> {
 
 /// Which files of such names there are behind the first.
 fn numbers(first: &Path) -> BTreeSet<u32> {
-    let folder = first.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let Ok(entries) = fs::read_dir(folder) else { return BTreeSet::new() };
+    let Ok(entries) = fs::read_dir(folder_of(first)) else { return BTreeSet::new() };
     let names = entries.flatten().map(|entry| entry.file_name());
     names.filter_map(|name| number_of(first, &name.to_string_lossy())).filter(|&number| number > 1).collect()
 }

@@ -7,6 +7,8 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use crate::output::folder_of;
+
 /// Bytes that stay free unless told otherwise.
 pub const RESERVE: u64 = 64 << 20;
 
@@ -49,11 +51,7 @@ impl Watch {
     /// Watches the disk on which a log lies, for so many bytes that must stay free.
     #[must_use]
     pub fn new(log: &Path, reserve: u64) -> Self {
-        let folder: PathBuf = match log.parent() {
-            Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),
-            _ => PathBuf::from("."),
-        };
-        Self::over_folder(folder, reserve)
+        Self::over_folder(folder_of(log).to_path_buf(), reserve)
     }
 
     /// The same of a log that is yet to be made in a folder.

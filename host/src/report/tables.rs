@@ -149,11 +149,7 @@ pub fn health(drive: &Drive) -> String {
         let _ = write!(rows, "<tr><td>{what}</td><td class=\"{class}\">{value}</td></tr>");
     };
     let count = |n: u64| thousands(n as f64);
-    row(
-        "parts of the log damaged or missing",
-        count(health.damage + health.unmatched),
-        health.damage + health.unmatched == 0,
-    );
+    row("parts of the log damaged or missing", count(health.passed_over()), health.passed_over() == 0);
     let restarts = health.totals.restarts();
     row("restarts of the board", count(restarts), restarts == 0);
     for (name, lost) in health.totals.losses() {
