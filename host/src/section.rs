@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
-use crossfall_core::protocol::message::{Message, Profile, Side, Slope};
+use crossfall_core::protocol::message::{Message, Profile, Slope};
 
 use crate::container::Error;
 use crate::interrupt;
+use crate::side::Side;
 use crate::statistics::median;
 use crate::units::{degrees, metres};
 use crate::walk::Walk;
@@ -40,8 +41,8 @@ pub enum Part {
 pub struct Fitted {
     /// What it is fitted to.
     pub part: Part,
-    /// True for the left side.
-    pub left: bool,
+    /// On which side.
+    pub side: Side,
     /// Its end towards the vehicle.
     pub inner: Place,
     /// Its other end.
@@ -56,8 +57,7 @@ impl Fitted {
     /// Height of the line at a lateral distance.
     #[must_use]
     pub fn height(&self, y_m: f64) -> f64 {
-        let outward = if self.left { 1.0 } else { -1.0 };
-        self.inner.1 + self.slope_deg.to_radians().tan() * outward * (y_m - self.inner.0)
+        self.inner.1 + self.slope_deg.to_radians().tan() * self.side.outward() * (y_m - self.inner.0)
     }
 
     /// Whether a lateral distance is between its ends.
@@ -81,20 +81,21 @@ impl Section {
 pub fn lines(profile: &Profile, points: &[Place]) -> Vec<Fitted> {
     let mut lines = Vec::new();
     let mut room = Vec::new();
-    for (side, left) in [(&profile.left, true), (&profile.right, false)] {
-        lines.extend(of_side(side, left, points, &mut room).into_iter().flatten());
+    for side in Side::BOTH {
+        lines.extend(of_side(profile, side, points, &mut room).into_iter().flatten());
     }
     lines
 }
 
-fn of_side(side: &Side, left: bool, points: &[Place], room: &mut Vec<f64>) -> [Option<Fitted>; 3] {
+fn of_side(profile: &Profile, side: Side, points: &[Place], room: &mut Vec<f64>) -> [Option<Fitted>; 3] {
     let mut through = |part: Part, slope_deg: f64, ci95_deg: Option<f64>, from: f64, to: f64| {
-        let rise = slope_deg.to_radians().tan() * if left { 1.0 } else { -1.0 };
+        let rise = slope_deg.to_radians().tan() * side.outward();
         let base = height_at_sensor(points.iter().copied(), rise, (from, to), room)?;
         let place = |y: f64| (y, base + rise * y);
-        Some(Fitted { part, left, inner: place(from), outer: place(to), slope_deg, ci95_deg })
+        Some(Fitted { part, side, inner: place(from), outer: place(to), slope_deg, ci95_deg })
     };
-    let road = side.road.zip(side.edge);
+    let found = side.of(profile);
+    let road = found.road.zip(found.edge);
     let road = road.and_then(|(slope, edge)| through(Part::Road, degrees(slope), None, 0.0, metres(edge.y_um)));
     let mut slope = |part: Part, slope: Option<Slope>| {
         let slope = slope?;
@@ -102,8 +103,8 @@ fn of_side(side: &Side, left: bool, points: &[Place], room: &mut Vec<f64>) -> [O
         let (from, to) = (metres(slope.start.y_um), metres(slope.end.y_um));
         through(part, degrees(slope.angle), (ci95 > 0.0).then_some(ci95), from, to)
     };
-    let adjacent = slope(Part::Adjacent, side.adjacent);
-    [road, adjacent, slope(Part::Opposing, side.opposing)]
+    let adjacent = slope(Part::Adjacent, found.adjacent);
+    [road, adjacent, slope(Part::Opposing, found.opposing)]
 }
 
 /// The height under the sensor of a line whose rise to the left is known: the median of what the points between two lateral distances make of it;

@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::matching::place;
 use super::{Agreement, Drive, Kind, Options};
+use crate::side::Side;
 use crate::statistics::upper_median;
 
 /// One measurement by hand.
@@ -17,8 +18,8 @@ use crate::statistics::upper_median;
 pub struct Measurement {
     /// Where.
     pub place: Place,
-    /// On the left.
-    pub left: bool,
+    /// On which side.
+    pub side: Side,
     /// Which slope.
     pub kind: Kind,
     /// The slope, in degrees.
@@ -123,9 +124,9 @@ pub fn read(path: &Path) -> Result<Vec<Measurement>, Error> {
             parsed
                 .ok_or_else(|| wrong(line, format!("{} = `{text}`, expected a number", headers.get(at).unwrap_or(""))))
         };
-        let left = match cell(side) {
-            "left" => true,
-            "right" => false,
+        let side = match cell(side) {
+            "left" => Side::Left,
+            "right" => Side::Right,
             other => return Err(wrong(line, format!("side = `{other}`, expected left or right"))),
         };
         let kind = match cell(kind) {
@@ -138,7 +139,7 @@ pub fn read(path: &Path) -> Result<Vec<Measurement>, Error> {
             (None, Some((latitude, longitude))) => Place::Geodetic(number(latitude)?, number(longitude)?),
             (None, None) => return Err(wrong(line, "station_m is empty".to_owned())),
         };
-        measurements.push(Measurement { place, left, kind, slope_deg: number(slope)? });
+        measurements.push(Measurement { place, side, kind, slope_deg: number(slope)? });
     }
     Ok(measurements)
 }
@@ -159,7 +160,7 @@ pub fn hold(drive: &Drive, measurements: &[Measurement], options: &Options, magn
                 way.as_ref().and_then(|way| way.station_m([latitude, longitude, 0.0]))
             }
         };
-        let course = placed.courses.iter().find(|c| c.left == measurement.left && c.kind == measurement.kind);
+        let course = placed.courses.iter().find(|c| c.side == measurement.side && c.kind == measurement.kind);
         let mut around: Vec<f64> = course
             .zip(station_m)
             .map(|(course, at)| {
@@ -173,7 +174,7 @@ pub fn hold(drive: &Drive, measurements: &[Measurement], options: &Options, magn
         };
         held.push(Held {
             station_m,
-            left: measurement.left,
+            left: measurement.side == Side::Left,
             slope: measurement.kind,
             manual_deg: sized(measurement.slope_deg),
             scans: around.len(),

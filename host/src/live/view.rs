@@ -3,10 +3,11 @@
 //! Little endian; lengths and angles are 32-bit floats in metres and degrees, NaN = absent; points are pairs of 16-bit integers in steps
 //! of 4 mm, a sixth of a pixel when 30 m fill a screen.
 
-use crossfall_core::protocol::message::{Profile, Side, Slope};
+use crossfall_core::protocol::message::{Profile, Slope};
 use crossfall_core::scan::Points;
 
 use crate::section::height_at_sensor;
+use crate::side::Side;
 use crate::units::{degrees, metres_f32 as metres};
 
 /// First byte of a section.
@@ -72,21 +73,24 @@ impl Section {
     #[must_use]
     pub fn new(profile: &Profile, points: &Points) -> Self {
         let points: Vec<Place> = points.iter().map(|echo| (metres(echo.point.y_um), metres(echo.point.z_um))).collect();
-        let side = |side: &Side, left: bool| SideView {
-            road: side.road.and_then(|angle| {
-                let edge = side.edge.map_or(if left { 3.0 } else { -3.0 }, |edge| metres(edge.y_um));
-                piece(degrees(angle), f32::NAN, 0, (0.0, edge), left, &points)
-            }),
-            edge: side.edge.map(|edge| (metres(edge.y_um), edge.ci95_um as f32 * 1e-6)),
-            adjacent: side.adjacent.and_then(|slope| of_slope(&slope, left, &points)),
-            opposing: side.opposing.and_then(|slope| of_slope(&slope, left, &points)),
-            flags: side.flags | profile.flags,
+        let view = |side: Side| {
+            let found = side.of(profile);
+            SideView {
+                road: found.road.and_then(|angle| {
+                    let edge = found.edge.map_or(3.0 * side.outward() as f32, |edge| metres(edge.y_um));
+                    piece(degrees(angle), f32::NAN, 0, (0.0, edge), side, &points)
+                }),
+                edge: found.edge.map(|edge| (metres(edge.y_um), edge.ci95_um as f32 * 1e-6)),
+                adjacent: found.adjacent.and_then(|slope| of_slope(&slope, side, &points)),
+                opposing: found.opposing.and_then(|slope| of_slope(&slope, side, &points)),
+                flags: found.flags | profile.flags,
+            }
         };
         Self {
             scan: profile.scan,
             time_s: profile.time.0 as f64 * 1e-6,
             roll_deg: degrees(profile.roll) as f32,
-            sides: [side(&profile.left, true), side(&profile.right, false)],
+            sides: Side::BOTH.map(view),
             points,
         }
     }
@@ -122,11 +126,11 @@ impl Section {
     }
 }
 
-fn of_slope(slope: &Slope, left: bool, points: &[Place]) -> Option<Piece> {
+fn of_slope(slope: &Slope, side: Side, points: &[Place]) -> Option<Piece> {
     let ci95 = degrees(slope.ci95) as f32;
     let ci95 = if ci95 > 0.0 { ci95 } else { f32::NAN };
     let ends = (metres(slope.start.y_um), metres(slope.end.y_um));
-    piece(degrees(slope.angle), ci95, slope.points, ends, left, points)
+    piece(degrees(slope.angle), ci95, slope.points, ends, side, points)
 }
 
 /// A line of a known inclination, at the median height of the points that it passes.
@@ -135,10 +139,10 @@ fn piece(
     ci95_deg: f32,
     count: u16,
     (from, to): (f32, f32),
-    left: bool,
+    side: Side,
     points: &[Place],
 ) -> Option<Piece> {
-    let rise = slope_deg.to_radians().tan() * if left { 1.0 } else { -1.0 };
+    let rise = slope_deg.to_radians().tan() * side.outward();
     let places = points.iter().map(|&(y, z)| (y.into(), z.into()));
     let height = height_at_sensor(places, rise, (from.into(), to.into()), &mut Vec::new())?;
     let at = |y: f32| (y, (height + rise * f64::from(y)) as f32);
@@ -220,8 +224,8 @@ mod tests {
     fn a_line_goes_through_the_middle_of_its_points() {
         let points: Vec<Place> = (0..50).map(|i| (-3.0 - i as f32 * 0.1, -2.0 - i as f32 * 0.01)).collect();
         let slope = (-0.1_f64).atan().to_degrees();
-        let found = piece(slope, 0.1, 50, (-3.0, -7.0), false, &points).unwrap();
+        let found = piece(slope, 0.1, 50, (-3.0, -7.0), Side::Right, &points).unwrap();
         assert!((found.ends[0].1 + 2.0).abs() < 1e-4 && (found.ends[1].1 + 2.4).abs() < 1e-4, "{found:?}");
-        assert_eq!(piece(slope, 0.1, 0, (3.0, 7.0), true, &points), None);
+        assert_eq!(piece(slope, 0.1, 0, (3.0, 7.0), Side::Left, &points), None);
     }
 }
