@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use crate::profiles::{Row, SlopeRow};
+use crate::side::Side;
 use crate::simulate::truth;
 use crate::statistics::{rms, upper_median};
 
@@ -33,47 +34,47 @@ type Sample = (f64, Option<f64>, f64);
 pub fn hold_against(rows: &[Row], truth: &[truth::Row]) -> Vec<Accuracy> {
     let of = |row: &Row| truth.get(row.scan as usize);
     let slope = |found: Option<SlopeRow>, truth: f64| found.map(|s| (s.slope_deg, s.ci95_deg, truth));
-    let side = |left: bool, sample: &dyn Fn(&Row, &truth::Row) -> Option<Sample>| -> Vec<Sample> {
-        rows.iter().filter(|row| row.left == left).filter_map(|row| sample(row, of(row)?)).collect()
+    let side = |side: Side, sample: &dyn Fn(&Row, &truth::Row) -> Option<Sample>| -> Vec<Sample> {
+        rows.iter().filter(|row| row.side == side).filter_map(|row| sample(row, of(row)?)).collect()
     };
     let scans = truth.len();
     vec![
-        judge("roll", "deg", scans, &side(true, &|row, truth| Some((row.roll_deg, None, truth.roll_deg)))),
+        judge("roll", "deg", scans, &side(Side::Left, &|row, truth| Some((row.roll_deg, None, truth.roll_deg)))),
         judge(
             "left road edge",
             "m",
             scans,
-            &side(true, &|row, truth| Some((row.edge_y_m?, None, truth.section.left.edge_m))),
+            &side(Side::Left, &|row, truth| Some((row.edge_y_m?, None, truth.section.left.edge_m))),
         ),
         judge(
             "left adjacent slope",
             "deg",
             scans,
-            &side(true, &|row, truth| slope(row.adjacent, truth.section.left.adjacent_slope_deg)),
+            &side(Side::Left, &|row, truth| slope(row.adjacent, truth.section.left.adjacent_slope_deg)),
         ),
         judge(
             "left opposing slope",
             "deg",
             scans,
-            &side(true, &|row, truth| slope(row.opposing, truth.section.left.opposing_slope_deg)),
+            &side(Side::Left, &|row, truth| slope(row.opposing, truth.section.left.opposing_slope_deg)),
         ),
         judge(
             "right road edge",
             "m",
             scans,
-            &side(false, &|row, truth| Some((row.edge_y_m?, None, -truth.section.right.edge_m))),
+            &side(Side::Right, &|row, truth| Some((row.edge_y_m?, None, -truth.section.right.edge_m))),
         ),
         judge(
             "right adjacent slope",
             "deg",
             scans,
-            &side(false, &|row, truth| slope(row.adjacent, truth.section.right.adjacent_slope_deg)),
+            &side(Side::Right, &|row, truth| slope(row.adjacent, truth.section.right.adjacent_slope_deg)),
         ),
         judge(
             "right opposing slope",
             "deg",
             scans,
-            &side(false, &|row, truth| slope(row.opposing, truth.section.right.opposing_slope_deg)),
+            &side(Side::Right, &|row, truth| slope(row.opposing, truth.section.right.opposing_slope_deg)),
         ),
     ]
 }

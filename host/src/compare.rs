@@ -15,37 +15,17 @@ mod repeat;
 
 use std::path::Path;
 
+use clap::ValueEnum;
+use clap::builder::PossibleValue;
 use serde::Serialize;
 
 use crate::container::Error;
-use crate::profiles::{Row, Rows, SlopeRow};
+use crate::profiles::{Row, Rows};
+use crate::side::Side;
 use crate::way::{Reach, Way};
 
+pub use crate::side::Kind;
 pub use repeat::{Aligned, Dot, Pair, Repeat, repeat};
-
-/// Which slope.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Kind {
-    /// Beside the road.
-    Adjacent,
-    /// Beyond the ditch.
-    Opposing,
-}
-
-impl Kind {
-    /// Both.
-    pub const BOTH: [Self; 2] = [Self::Adjacent, Self::Opposing];
-
-    /// This slope of a row.
-    #[must_use]
-    pub fn of(self, row: &Row) -> Option<SlopeRow> {
-        match self {
-            Self::Adjacent => row.adjacent,
-            Self::Opposing => row.opposing,
-        }
-    }
-}
 
 /// Which sides are compared.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -53,18 +33,28 @@ pub enum Sides {
     /// Left and right.
     #[default]
     Both,
-    /// The left one: the median where traffic keeps right.
-    Left,
-    /// The right one.
-    Right,
+    /// One of them.
+    One(Side),
 }
 
 impl Sides {
-    fn holds(self, left: bool) -> bool {
+    fn holds(self, side: Side) -> bool {
         match self {
             Self::Both => true,
-            Self::Left => left,
-            Self::Right => !left,
+            Self::One(one) => side == one,
+        }
+    }
+}
+
+impl ValueEnum for Sides {
+    fn value_variants<'a>() -> &'a [Self] {
+        &[Self::Both, Self::One(Side::Left), Self::One(Side::Right)]
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        match self {
+            Self::Both => Some(PossibleValue::new("both")),
+            Self::One(side) => side.to_possible_value(),
         }
     }
 }

@@ -16,6 +16,7 @@ use crate::geodesy::Geodetic;
 use crate::interrupt;
 use crate::profiles::{Row, SlopeRow, UNRELIABLE, host_flags, sides};
 use crate::section::Section;
+use crate::side::{Side, WhichSlope};
 use crate::totals::Totals;
 use crate::units::{degrees, drift_ppm};
 use crate::walk::Walk;
@@ -25,9 +26,6 @@ pub use along::Unit;
 
 /// Sections kept.
 pub const SECTIONS: usize = 240;
-
-/// Names of the four slopes, in the order of [`Scan::slopes`].
-pub const SLOPES: [&str; 4] = ["left adjacent", "left opposing", "right adjacent", "right opposing"];
 
 /// One scan, in short.
 #[derive(Clone, Copy, Debug)]
@@ -42,7 +40,7 @@ pub struct Scan {
     pub place: Geodetic,
     /// Roll at straight down, degrees.
     pub roll_deg: f32,
-    /// The four slopes in degrees and the half widths of their intervals; NaN where not found.
+    /// [The four slopes](WhichSlope::ALL) in degrees and the half widths of their intervals; NaN where not found.
     pub slopes: [(f32, f32); 4],
     /// Left and right edge of the road in metres, left positive; NaN where not found.
     pub edges_m: [f32; 2],
@@ -51,17 +49,17 @@ pub struct Scan {
 }
 
 impl Scan {
-    /// Whether a side, 0 left and 1 right, does not say itself [unreliable](UNRELIABLE).
+    /// Whether a side does not say itself [unreliable](UNRELIABLE).
     #[must_use]
-    pub fn is_reliable(&self, side: usize) -> bool {
-        self.flags.get(side).is_some_and(|flags| flags & UNRELIABLE == 0)
+    pub fn is_reliable(&self, side: Side) -> bool {
+        self.flags[side.index()] & UNRELIABLE == 0
     }
 
     /// One of the four slopes and the half width of its interval (NaN where it has none) in degrees, where it was found and can be relied on.
     #[must_use]
-    pub fn reliable(&self, slope: usize) -> Option<(f64, f64)> {
-        let (value, ci95) = *self.slopes.get(slope)?;
-        (value.is_finite() && self.is_reliable(slope / 2)).then_some((f64::from(value), f64::from(ci95)))
+    pub fn reliable(&self, slope: WhichSlope) -> Option<(f64, f64)> {
+        let (value, ci95) = self.slopes[slope.index()];
+        (value.is_finite() && self.is_reliable(slope.side)).then_some((f64::from(value), f64::from(ci95)))
     }
 }
 
@@ -240,15 +238,15 @@ impl Drive {
         Some((known().next()?, known().next_back()?))
     }
 
-    /// Scans of which a side, 0 left and 1 right, says itself [unreliable](UNRELIABLE).
+    /// Scans of which a side says itself [unreliable](UNRELIABLE).
     #[must_use]
-    pub fn unreliable(&self, side: usize) -> u64 {
+    pub fn unreliable(&self, side: Side) -> u64 {
         self.scans.iter().filter(|scan| !scan.is_reliable(side)).count() as u64
     }
 
     /// Share of the scans in which a slope was found and can be relied on.
     #[must_use]
-    pub fn found(&self, slope: usize) -> f64 {
+    pub fn found(&self, slope: WhichSlope) -> f64 {
         let found = self.scans.iter().filter(|scan| scan.reliable(slope).is_some()).count();
         found as f64 / self.scans.len().max(1) as f64
     }

@@ -11,6 +11,7 @@
 use crate::drive::{Drive, Scan};
 use crate::geodesy::Geodetic;
 use crate::intervals::{Estimate, Every, Sample, Samples};
+use crate::side::Side;
 use crate::table::{Column, Kind, Record, Shape, Value};
 
 /// A slope of a stretch, from both drives.
@@ -54,10 +55,10 @@ pub struct Fused {
     pub opposing: Both,
 }
 
-/// Joins the slopes on a side of two drives, 0 left and 1 right, in stretches of a length; nothing when the first has no positions or the second was
+/// Joins the slopes on a side of two drives in stretches of a length; nothing when the first has no positions or the second was
 /// never near it.
 #[must_use]
-pub fn fuse(first: &Drive, second: &Drive, every: Every, side: usize) -> Option<Vec<Fused>> {
+pub fn fuse(first: &Drive, second: &Drive, every: Every, side: Side) -> Option<Vec<Fused>> {
     let way = first.way()?;
     let (from_m, to_m) = first.span_m()?;
     let begin = (from_m / every.metres).floor() as i64;
@@ -108,8 +109,8 @@ struct Stretch {
 }
 
 /// The adjacent and the opposing slope of a side, where they were found and can be relied on.
-fn of_side(scan: &Scan, side: usize) -> [Option<(f64, f64)>; 2] {
-    [0, 1].map(|slope| scan.reliable(2 * side + slope))
+fn of_side(scan: &Scan, side: Side) -> [Option<(f64, f64)>; 2] {
+    side.slopes().map(|slope| scan.reliable(slope))
 }
 
 fn add(into: &mut [Samples; 2], at_m: f64, slopes: [Option<(f64, f64)>; 2], sign: f64) {
@@ -190,7 +191,7 @@ mod tests {
     fn each_slope_is_taken_from_the_side_that_measures_it_better() {
         let up = drive(true, [(-8.0, 0.05), (7.1, 0.3)]);
         let down = drive(false, [(-7.0, 0.05), (8.2, 0.3)]);
-        let fused = fuse(&up, &down, Every { metres: 50.0 }, 0).unwrap();
+        let fused = fuse(&up, &down, Every { metres: 50.0 }, Side::Left).unwrap();
         assert_eq!(fused.len(), 10);
         for stretch in &fused {
             let (adjacent, from) = stretch.adjacent.better().unwrap();
@@ -215,14 +216,14 @@ mod tests {
                 drive
             });
         let every = Every { metres: 50.0 };
-        let fused = fuse(&up, &down, every, 1).unwrap();
+        let fused = fuse(&up, &down, every, Side::Right).unwrap();
         assert_eq!(fused.len(), 10);
         for stretch in &fused {
             let [near, far] = [stretch.adjacent, stretch.opposing].map(|both| both.better().unwrap());
             assert!((near.0.value + 8.0).abs() < 1e-6 && near.1 == 1, "{stretch:?}");
             assert!((far.0.value - 7.0).abs() < 1e-6 && far.1 == 2, "{stretch:?}");
         }
-        let left = fuse(&up, &down, every, 0).unwrap();
+        let left = fuse(&up, &down, every, Side::Left).unwrap();
         assert!(left.iter().all(|stretch| stretch.adjacent.better().is_none()), "nothing there can be relied on");
     }
 
@@ -270,7 +271,7 @@ mod tests {
 
     #[test]
     fn drives_are_joined_by_where_they_were_round_a_bend() {
-        let fused = fuse(&bend(true, 0..400), &bend(false, 0..400), Every { metres: 20.0 }, 0).unwrap();
+        let fused = fuse(&bend(true, 0..400), &bend(false, 0..400), Every { metres: 20.0 }, Side::Left).unwrap();
         assert_eq!(fused.len(), 20);
         for stretch in &fused {
             let middle = f64::midpoint(stretch.from_m, stretch.to_m);
@@ -299,20 +300,20 @@ mod tests {
             scan.flags = if lost { [flags::NO_ATTITUDE; 2] } else { [0, flags::DOUBTFUL] };
             scan.slopes[0].0 += if lost { 2.5 } else { 0.0 };
         }
-        let fused = fuse(&up, &down, Every { metres: 50.0 }, 0).unwrap();
+        let fused = fuse(&up, &down, Every { metres: 50.0 }, Side::Left).unwrap();
         for stretch in &fused {
             let (opposing, from) = stretch.opposing.better().unwrap();
             assert!((opposing.value - 7.0).abs() < 1e-6 && from == 2, "{stretch:?}");
         }
         let count = |stretch: &Fused| stretch.opposing.second.unwrap().count;
         assert!(count(&fused[7]) < 27 && count(&fused[5]) > 48, "{fused:?}");
-        assert_eq!((down.unreliable(0), down.unreliable(1)), (25, 500));
+        assert_eq!((down.unreliable(Side::Left), down.unreliable(Side::Right)), (25, 500));
     }
 
     #[test]
     fn where_one_drive_was_not_the_other_speaks_alone() {
         let (whole, part) = (bend(true, 0..400), bend(false, 102..198));
-        let fused = fuse(&whole, &part, Every { metres: 20.0 }, 0).unwrap();
+        let fused = fuse(&whole, &part, Every { metres: 20.0 }, Side::Left).unwrap();
         for stretch in &fused {
             let both = (99.0..181.0).contains(&stretch.from_m);
             assert_eq!(stretch.opposing.second.is_some(), both, "{stretch:?}");
@@ -321,12 +322,12 @@ mod tests {
         // Never near, or nowhere at all.
         let mut elsewhere = bend(false, 0..400);
         elsewhere.scans.iter_mut().for_each(|scan| scan.place[0] += 0.01);
-        assert!(fuse(&whole, &elsewhere, Every { metres: 20.0 }, 0).is_none());
+        assert!(fuse(&whole, &elsewhere, Every { metres: 20.0 }, Side::Left).is_none());
         let mut nowhere = bend(true, 0..400);
         nowhere.scans.iter_mut().for_each(|scan| scan.place = [f64::NAN; 3]);
-        assert!(fuse(&nowhere, &part, Every { metres: 20.0 }, 0).is_none());
-        assert!(fuse(&whole, &nowhere, Every { metres: 20.0 }, 0).is_none());
-        assert!(fuse(&Drive::default(), &part, Every { metres: 20.0 }, 0).is_none());
+        assert!(fuse(&nowhere, &part, Every { metres: 20.0 }, Side::Left).is_none());
+        assert!(fuse(&whole, &nowhere, Every { metres: 20.0 }, Side::Left).is_none());
+        assert!(fuse(&Drive::default(), &part, Every { metres: 20.0 }, Side::Left).is_none());
     }
 
     #[test]
@@ -335,7 +336,7 @@ mod tests {
             &drive(true, [(-8.0, 0.3), (7.0, 0.1)]),
             &drive(true, [(-8.1, 0.1), (7.2, 0.3)]),
             Every { metres: 100.0 },
-            0,
+            Side::Left,
         );
         let fused = fused.unwrap();
         assert_eq!(fused[0].adjacent.better().map(|(_, from)| from), Some(2));

@@ -8,6 +8,7 @@ use std::str::FromStr;
 
 use crate::geodesy::{Geodetic, between};
 use crate::profiles::{Row, SlopeRow, flag_names};
+use crate::side::Side;
 use crate::table::{Column, Kind, Record, Shape, Value};
 
 pub use samples::{Estimate, HELD, ROLL_SD_DEG, Sample, Samples};
@@ -59,8 +60,8 @@ pub struct Interval {
     pub from_m: f64,
     /// Where it ends.
     pub to_m: f64,
-    /// True for the left side.
-    pub left: bool,
+    /// Of which side.
+    pub side: Side,
     /// Scans in it.
     pub scans: u64,
     /// How many of them say themselves unreliable and have no part in what follows.
@@ -142,7 +143,7 @@ impl Record for Interval {
         into.extend([
             Value::Real(self.from_m),
             Value::Real(self.to_m),
-            Value::Text(self.first.side().into()),
+            Value::Text(self.side.name().into()),
             middle.gps.map(|(week, _)| i64::from(week)).into(),
             middle.gps.map(|(_, seconds)| seconds).into(),
             geodetic(0),
@@ -179,8 +180,7 @@ impl Record for Interval {
     }
 
     fn vertex(&self) -> Option<(&'static str, Geodetic)> {
-        let name = if self.left { "left road edge" } else { "right road edge" };
-        Some((name, self.middle.place(self.edge_y_m?)?))
+        Some((self.side.edge_name(), self.middle.place(self.edge_y_m?)?))
     }
 }
 
@@ -220,7 +220,7 @@ impl Gather {
         };
         self.unreliable += u64::from(!row.is_reliable());
         let number = (station_m / self.every.metres).floor() as i64;
-        let open = &mut self.open[usize::from(!row.left)];
+        let open = &mut self.open[row.side.index()];
         if let Some(stretch) = open.as_mut().filter(|stretch| stretch.number == number) {
             stretch.add(row, station_m);
             return None;
@@ -322,7 +322,7 @@ impl Stretch {
         Interval {
             from_m: self.number as f64 * self.every.metres,
             to_m: (self.number + 1) as f64 * self.every.metres,
-            left: self.middle.left,
+            side: self.middle.side,
             scans: self.scans,
             unreliable: self.unreliable,
             road_slope_deg: self.road.estimate().map(|road| road.value),
@@ -351,7 +351,7 @@ mod tests {
             time: DeviceTime(0),
             position: Position { station_m: Some(station_m), ..Position::default() },
             roll_deg: 0.0,
-            left: true,
+            side: Side::Left,
             road_slope_deg: Some(1.0),
             edge_y_m: Some(3.5),
             adjacent: Some(slope),

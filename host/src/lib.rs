@@ -108,6 +108,7 @@ pub mod run;
 pub mod scanner;
 pub mod section;
 pub mod serve;
+pub mod side;
 pub mod simulate;
 pub mod statistics;
 pub mod stream;

@@ -5,11 +5,12 @@ use std::io::Write;
 use std::path::Path;
 
 use crossfall_core::protocol::frame::Gap;
-use crossfall_core::protocol::message::{Message, Profile, Side, Slope, flags};
+use crossfall_core::protocol::message::{self, Message, Profile, Slope, flags};
 use crossfall_core::protocol::{Angle, DeviceTime};
 
 use crate::container::Error;
 use crate::geodesy::{Geodetic, shifted};
+use crate::side::Side;
 use crate::stream::{Item, Stream};
 use crate::table::{self, Column, Format, Kind, Record, Shape, Table, Value};
 use crate::track::{Position, Track};
@@ -71,8 +72,8 @@ pub struct Row {
     pub position: Position,
     /// Roll at straight down, in degrees; without the mounting offset.
     pub roll_deg: f64,
-    /// True for the left side.
-    pub left: bool,
+    /// Which.
+    pub side: Side,
     /// Slope of the road in degrees, positive = rising outward.
     pub road_slope_deg: Option<f64>,
     /// Lateral distance of the road's edge in metres, left positive.
@@ -113,18 +114,19 @@ impl SlopeRow {
 }
 
 impl Row {
-    fn of(profile: &Profile, side: &Side, left: bool, position: Position) -> Self {
+    fn of(profile: &Profile, side: Side, position: Position) -> Self {
+        let message::Side { road, edge, adjacent, opposing, flags } = side.of(profile);
         Self {
             scan: profile.scan,
             time: profile.time,
             position,
             roll_deg: degrees(profile.roll),
-            left,
-            road_slope_deg: side.road.map(degrees),
-            edge_y_m: side.edge.map(|edge| metres(edge.y_um)),
-            adjacent: side.adjacent.as_ref().map(SlopeRow::of),
-            opposing: side.opposing.as_ref().map(SlopeRow::of),
-            flags: profile.flags | side.flags | position_flags(&position),
+            side,
+            road_slope_deg: road.map(degrees),
+            edge_y_m: edge.map(|edge| metres(edge.y_um)),
+            adjacent: adjacent.as_ref().map(SlopeRow::of),
+            opposing: opposing.as_ref().map(SlopeRow::of),
+            flags: profile.flags | flags | position_flags(&position),
         }
     }
 
@@ -140,12 +142,6 @@ impl Row {
     #[must_use]
     pub fn is_reliable(&self) -> bool {
         self.flags & UNRELIABLE == 0
-    }
-
-    /// `left` or `right`.
-    #[must_use]
-    pub fn side(&self) -> &'static str {
-        if self.left { "left" } else { "right" }
     }
 }
 
@@ -166,7 +162,7 @@ impl Record for Row {
             geodetic(2),
             station_m.into(),
             Value::Real(self.roll_deg),
-            Value::Text(self.side().into()),
+            Value::Text(self.side.name().into()),
             self.road_slope_deg.into(),
             self.edge_y_m.into(),
         ]);
@@ -187,15 +183,14 @@ impl Record for Row {
     }
 
     fn vertex(&self) -> Option<(&'static str, Geodetic)> {
-        let name = if self.left { "left road edge" } else { "right road edge" };
-        Some((name, self.place(self.edge_y_m?)?))
+        Some((self.side.edge_name(), self.place(self.edge_y_m?)?))
     }
 }
 
 /// The two rows of a profile, left before right.
 #[must_use]
 pub fn sides(profile: &Profile, position: Position) -> [Row; 2] {
-    [Row::of(profile, &profile.left, true, position), Row::of(profile, &profile.right, false, position)]
+    Side::BOTH.map(|side| Row::of(profile, side, position))
 }
 
 fn position_flags(position: &Position) -> u16 {

@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
-use crossfall_core::protocol::message::{Message, Profile, Side, Slope};
+use crossfall_core::protocol::message::{self, Message, Profile, Slope};
 
 use crate::container::Error;
 use crate::interrupt;
+use crate::side::Side;
 use crate::statistics::median;
 use crate::units::{degrees, metres};
 use crate::walk::Walk;
@@ -40,8 +41,8 @@ pub enum Part {
 pub struct Fitted {
     /// What it is fitted to.
     pub part: Part,
-    /// True for the left side.
-    pub left: bool,
+    /// On which side.
+    pub side: Side,
     /// Its end towards the vehicle.
     pub inner: Place,
     /// Its other end.
@@ -58,8 +59,7 @@ impl Fitted {
     /// Height of the line at a lateral distance.
     #[must_use]
     pub fn height(&self, y_m: f64) -> f64 {
-        let outward = if self.left { 1.0 } else { -1.0 };
-        self.inner.1 + self.slope_deg.to_radians().tan() * outward * (y_m - self.inner.0)
+        self.inner.1 + self.slope_deg.to_radians().tan() * self.side.outward() * (y_m - self.inner.0)
     }
 
     /// Whether a lateral distance is between its ends.
@@ -83,20 +83,20 @@ impl Section {
 pub fn lines(profile: &Profile, points: &[Place]) -> Vec<Fitted> {
     let mut lines = Vec::new();
     let mut room = Vec::new();
-    for (side, left) in [(&profile.left, true), (&profile.right, false)] {
-        lines.extend(of_side(side, left, points, &mut room).into_iter().flatten());
+    for side in Side::BOTH {
+        lines.extend(of_side(side.of(profile), side, points, &mut room).into_iter().flatten());
     }
     lines
 }
 
-fn of_side(side: &Side, left: bool, points: &[Place], room: &mut Vec<f64>) -> [Option<Fitted>; 3] {
+fn of_side(found: &message::Side, side: Side, points: &[Place], room: &mut Vec<f64>) -> [Option<Fitted>; 3] {
     let mut through = |part: Part, slope_deg: f64, from: f64, to: f64| {
-        let rise = slope_deg.to_radians().tan() * if left { 1.0 } else { -1.0 };
+        let rise = slope_deg.to_radians().tan() * side.outward();
         let base = height_at_sensor(points, rise, (from, to), room)?;
         let place = |y: f64| (y, base + rise * y);
-        Some(Fitted { part, left, inner: place(from), outer: place(to), slope_deg, ci95_deg: None, points: 0 })
+        Some(Fitted { part, side, inner: place(from), outer: place(to), slope_deg, ci95_deg: None, points: 0 })
     };
-    let road = side.road.zip(side.edge);
+    let road = found.road.zip(found.edge);
     let road = road.and_then(|(slope, edge)| through(Part::Road, degrees(slope), 0.0, metres(edge.y_um)));
     let mut slope = |part: Part, slope: Option<Slope>| {
         let slope = slope?;
@@ -104,8 +104,8 @@ fn of_side(side: &Side, left: bool, points: &[Place], room: &mut Vec<f64>) -> [O
         let fitted = through(part, degrees(slope.angle), metres(slope.start.y_um), metres(slope.end.y_um))?;
         Some(Fitted { ci95_deg: (ci95 > 0.0).then_some(ci95), points: slope.points, ..fitted })
     };
-    let adjacent = slope(Part::Adjacent, side.adjacent);
-    [road, adjacent, slope(Part::Opposing, side.opposing)]
+    let adjacent = slope(Part::Adjacent, found.adjacent);
+    [road, adjacent, slope(Part::Opposing, found.opposing)]
 }
 
 /// The height under the sensor of a line whose rise to the left is known: the median of what the points between two lateral distances make of it;
@@ -171,9 +171,11 @@ mod tests {
             |start, end| Slope { angle, ci95, points: 40, start: hinge(start), end: hinge(end), ..Slope::default() };
         // Of a road without an edge no end is known; nothing lies where the opposing slope is said to be.
         let (adjacent, opposing) = (Some(slope(-3_000_000, -7_000_000)), Some(slope(-9_000_000, -10_000_000)));
-        let side = Side { road: Some(angle), adjacent, opposing, ..Side::default() };
-        let [None, Some(found), None] = of_side(&side, false, &points, &mut Vec::new()) else { panic!("one line") };
-        assert_eq!((found.part, found.left, found.points), (Part::Adjacent, false, 40));
+        let said = message::Side { road: Some(angle), adjacent, opposing, ..message::Side::default() };
+        let [None, Some(found), None] = of_side(&said, Side::Right, &points, &mut Vec::new()) else {
+            panic!("one line")
+        };
+        assert_eq!((found.part, found.side, found.points), (Part::Adjacent, Side::Right, 40));
         assert!((found.ci95_deg.unwrap() - 0.1).abs() < 1e-6);
         assert!((found.inner.1 + 2.0).abs() < 1e-6 && (found.outer.1 + 2.4).abs() < 1e-6, "{found:?}");
         assert_eq!((found.inner.0, found.outer.0), (-3.0, -7.0));

@@ -1,4 +1,4 @@
-//! Units of the core as the host's floats: the only place where binary angles, micrometres and clock drift become them.
+//! Units of the core as the host's floats: where binary angles, micrometres and clock drift become them.
 
 use crossfall_core::protocol::Angle;
 use crossfall_core::protocol::message::ClockState;

@@ -14,6 +14,7 @@ use crossfall::drive::Drive;
 use crossfall::geodesy::{Utm, between};
 use crossfall::intervals::{Every, Gather, Interval};
 use crossfall::profiles::{Row, Rows, host_flags};
+use crossfall::side::Side;
 use crossfall::simulate::scene::Scene;
 use crossfall::simulate::{self, truth};
 use crossfall::stream::{Item, Stream};
@@ -92,7 +93,7 @@ fn every_section_is_where_the_vehicle_was() {
 /// Every section within a decimetre of the simulated pose at its instant.
 fn held_against_the_poses(made: &Made) {
     let clock = &made.scene.clock;
-    let left = || made.rows.iter().filter(|row| row.left);
+    let left = || made.rows.iter().filter(|row| row.side == Side::Left);
     let time = |row: &Row| (row.time.0 as f64 * 1e-6 - clock.start_s) / (1.0 + clock.drift_ppm * 1e-6);
     let places = simulated_places(&made.scene, left().map(time));
     assert_eq!(places.len(), made.truth.len());
@@ -107,7 +108,7 @@ fn held_against_the_poses(made: &Made) {
 fn stations_are_the_way_travelled() {
     let made = drive();
     let stations: Vec<f64> =
-        made.rows.iter().filter(|row| row.left).map(|row| row.position.station_m.unwrap()).collect();
+        made.rows.iter().filter(|row| row.side == Side::Left).map(|row| row.position.station_m.unwrap()).collect();
     let way = stations.last().unwrap() - stations[0];
     let truth = made.truth.last().unwrap().station_m - made.truth[0].station_m;
     // The road climbs: a station is level, the truth's is along the slope.
@@ -143,14 +144,16 @@ fn against_truth(made: &Made, metres: f64) -> Vec<Compared> {
     for stretch in stretches(&made.rows, metres) {
         let stations = stretch.from_m..stretch.to_m;
         let inside = || {
-            let rows = made.rows.iter().filter(|row| row.left == stretch.left);
+            let rows = made.rows.iter().filter(|row| row.side == stretch.side);
             rows.filter(|row| row.position.station_m.is_some_and(|at| stations.contains(&at)))
         };
         let sections: Vec<_> = inside().map(|row| made.truth[row.scan as usize].section).collect();
         // A vehicle taken to hang further to the right than it does makes its left side steeper outward.
         let roll: f64 = inside().map(|row| row.roll_deg - made.truth[row.scan as usize].roll_deg).sum();
-        let by_roll = roll / sections.len() as f64 * if stretch.left { 1.0 } else { -1.0 };
-        let side = |section: &simulate::section::Section| if stretch.left { section.left } else { section.right };
+        let by_roll = roll / sections.len() as f64 * stretch.side.outward();
+        let side = |section: &simulate::section::Section| {
+            if stretch.side == Side::Left { section.left } else { section.right }
+        };
         let mean = |slope: &dyn Fn(&simulate::section::Side) -> f64| {
             sections.iter().map(|section| slope(&side(section))).sum::<f64>() / sections.len() as f64
         };
@@ -347,7 +350,8 @@ fn scan_angles_are_to_the_plumb_line_however_the_scanner_is_mounted() {
         let (points, _) = cloud_of(&made.log());
         let utm = Utm::around(made.rows[0].position.geodetic.unwrap()).unwrap();
         // The scanner's places by GPS time.
-        let places: Vec<_> = made.rows.iter().filter(|row| row.left && row.position.turn.is_some()).collect();
+        let places: Vec<_> =
+            made.rows.iter().filter(|row| row.side == Side::Left && row.position.turn.is_some()).collect();
         let seconds = |row: &Row| {
             let (week, seconds) = row.position.gps.unwrap();
             f64::from(week) * 604_800.0 + seconds - 1e9

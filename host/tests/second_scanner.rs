@@ -8,6 +8,7 @@ use crossfall::live::film::{Film, Shown};
 use crossfall::live::{Live, Source};
 use crossfall::profiles::{Row, Rows, sides};
 use crossfall::scanner::Family;
+use crossfall::side::Side;
 use crossfall::simulate::scene::{Kind, Scene};
 use crossfall::simulate::{self, truth};
 use crossfall::track::Position;
@@ -60,7 +61,7 @@ fn a_drive_with_an_lms_111_is_measured_as_well_as_one_with_an_lms_291() {
     for row in &rows {
         assert_eq!(row.flags & crossfall_core::protocol::message::flags::PARTIAL_SCAN, 0);
         let section = truth[row.scan as usize].section;
-        let side = if row.left { section.left } else { section.right };
+        let side = if row.side == Side::Left { section.left } else { section.right };
         for (found, slope) in [(row.adjacent, side.adjacent_slope_deg), (row.opposing, side.opposing_slope_deg)] {
             squares.extend(found.map(|found| (found.slope_deg - slope).powi(2)));
         }
@@ -69,7 +70,7 @@ fn a_drive_with_an_lms_111_is_measured_as_well_as_one_with_an_lms_291() {
     assert!(squares.len() > 1_100, "{} found", squares.len());
     let rms = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
     assert!(rms < 0.06, "{rms}");
-    let mean: f64 = rows.iter().filter(|row| row.left).map(|row| row.roll_deg).sum::<f64>() / 300.0;
+    let mean: f64 = rows.iter().filter(|row| row.side == Side::Left).map(|row| row.roll_deg).sum::<f64>() / 300.0;
     let true_mean = truth.iter().map(|row| row.roll_deg).sum::<f64>() / 300.0;
     assert!((mean - true_mean).abs() < 0.01, "{mean} {true_mean}");
 }
@@ -89,7 +90,8 @@ fn a_capture_of_it_plays_on_the_live_page_as_run_measures_it() {
     let folder = tempfile::tempdir().unwrap();
     let (drive, to) = (folder.path().join("drive.mcap"), folder.path().join("drive.log.mcap"));
     capture(&scene(), &drive);
-    let expected: Vec<_> = rows(&drive, &to).1.into_iter().filter(|row| row.left).map(|row| row.adjacent).collect();
+    let expected: Vec<_> =
+        rows(&drive, &to).1.into_iter().filter(|row| row.side == Side::Left).map(|row| row.adjacent).collect();
     let mut film = Film::open(&drive, None).unwrap();
     let mut found = Vec::new();
     film.play(u64::MAX, &mut |shown| {
@@ -116,7 +118,7 @@ fn roll_is_that_of_the_instant_at_which_the_scanner_looks_down() {
     let folder = tempfile::tempdir().unwrap();
     let (drive, to) = (folder.path().join("drive.mcap"), folder.path().join("drive.log.mcap"));
     let truth = capture(&scene(), &drive);
-    for row in rows(&drive, &to).1.iter().filter(|row| row.left) {
+    for row in rows(&drive, &to).1.iter().filter(|row| row.side == Side::Left) {
         let truth = &truth[row.scan as usize];
         assert!((row.roll_deg - truth.roll_deg).abs() < 0.04, "scan {}: {} {}", row.scan, row.roll_deg, truth.roll_deg);
         assert!((row.time.0 as f64 * 1e-6 - truth.start_device_s).abs() < 20e-6, "scan {}", row.scan);

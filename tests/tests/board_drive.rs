@@ -7,6 +7,7 @@ use std::path::Path;
 
 use crossfall::capture::Channel;
 use crossfall::profiles::{Row, Rows};
+use crossfall::side::Side;
 use crossfall::{capture, verify};
 use crossfall_core::protocol::message::Message;
 use crossfall_tests::drives;
@@ -94,8 +95,8 @@ fn in_process(folder: &Path, drive: &[capture::Chunk]) -> std::path::PathBuf {
 /// Every slope against the same scan's in process. They differ by what the vehicle rolled while the host was late with the telegram, which the
 /// board's stamps tell exactly, and by no more: however busy the host is, the board's part of the accuracy is judged alone.
 fn compare(board: &Path, in_process: &Path, offset_us: i64) {
-    let rows = |path: &Path| -> HashMap<(u64, bool), Row> {
-        Rows::open(path).expect("a readable log").map(|row| ((u64::from(row.scan), row.left), row)).collect()
+    let rows = |path: &Path| -> HashMap<(u64, Side), Row> {
+        Rows::open(path).expect("a readable log").map(|row| ((u64::from(row.scan), row.side), row)).collect()
     };
     let (board, in_process) = (rows(board), rows(in_process));
     assert_eq!(board.len(), in_process.len());

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::path::Path;
 
+use crossfall::side::Side;
 use crossfall::{capture, log, profiles, run, verify};
 use crossfall_core::protocol::Config;
 use crossfall_tests::recordings;
@@ -42,7 +43,8 @@ fn every_scan_is_measured_and_every_profile_proved() {
     assert_eq!((report.ok, report.profiles, report.profiles_reproduced), (true, 750, 750));
 
     let truth = truth(&folder.join("example.truth.csv"));
-    let rows: Vec<_> = profiles::Rows::open(&log_path).expect("a readable log").filter(|row| row.left).collect();
+    let rows: Vec<_> =
+        profiles::Rows::open(&log_path).expect("a readable log").filter(|row| row.side == Side::Left).collect();
     assert_eq!(rows.len(), 750);
     let mut errors: HashMap<&str, Vec<f64>> = HashMap::new();
     let mut covered = [0, 0];

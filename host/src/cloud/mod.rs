@@ -301,6 +301,7 @@ fn posed(position: &Position) -> Option<(geodesy::Geodetic, crate::track::Turn)>
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::side::Side;
 
     #[test]
     fn returns_are_of_the_surface_that_they_lie_on() {
@@ -308,7 +309,7 @@ mod tests {
             let rise = f64::to_radians(slope_deg).tan();
             Fitted {
                 part,
-                left: true,
+                side: Side::Left,
                 inner: (from, -2.0),
                 outer: (to, -2.0 + rise * (to - from)),
                 slope_deg,

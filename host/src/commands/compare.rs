@@ -8,7 +8,6 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use clap::ValueEnum;
 use crossfall::compare::attitude::{self, Comparison};
 use crossfall::compare::manual::{self, Manual};
 use crossfall::compare::{Agreement, Drive, Options, Repeat, Sides, repeat};
@@ -46,8 +45,8 @@ pub struct Args {
     #[arg(long, value_name = "METRES", value_parser = number(0.1, 1e5))]
     over: Option<f64>,
     /// Which sides of the road
-    #[arg(long, value_enum, default_value_t = Side::Both)]
-    side: Side,
+    #[arg(long, value_enum, default_value = "both")]
+    side: Sides,
     /// Draw what was compared into this folder (repeat.svg, manual.svg, attitude.svg)
     #[arg(short, long, value_name = "FOLDER")]
     output: Option<PathBuf>,
@@ -57,14 +56,6 @@ pub struct Args {
     /// Print the outcome for machines
     #[arg(long)]
     json: bool,
-}
-
-/// Which sides of the road.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Side {
-    Both,
-    Left,
-    Right,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
@@ -151,15 +142,7 @@ pub fn draw_attitude(found: &Comparison, path: &Path, theme: plot::Theme) -> any
 
 /// Repeat drives and measurements by hand.
 fn drives(args: &Args) -> anyhow::Result<Outcome> {
-    let options = Options {
-        sides: match args.side {
-            Side::Both => Sides::Both,
-            Side::Left => Sides::Left,
-            Side::Right => Sides::Right,
-        },
-        within_m: args.within,
-        over_m: args.over,
-    };
+    let options = Options { sides: args.side, within_m: args.within, over_m: args.over };
     let measurements = args.manual.as_deref().map(manual::read).transpose()?;
     let logs = drives::of(&args.files);
     let drives = logs.iter().map(|path| Drive::read(path)).collect::<Result<Vec<_>, _>>()?;

@@ -9,9 +9,10 @@ use std::path::{Component, Path, PathBuf};
 use anyhow::Context;
 use clap::ValueEnum;
 use crossfall::cloud::Stretch;
-use crossfall::drive::{Drive, SLOPES, Scan, Unit};
+use crossfall::drive::{Drive, Scan, Unit};
 use crossfall::plot::{self, Series, TruthAt};
 use crossfall::section::Section;
+use crossfall::side::WhichSlope;
 use crossfall::{output, section};
 
 use super::progress::Progress;
@@ -216,10 +217,10 @@ pub type Truth = [Vec<TruthAt>; 4];
 pub fn slopes(canvas: &Canvas<'_>, drives: &[Drive], names: &[String], truth: &Truth) -> anyhow::Result<Vec<PathBuf>> {
     let Some(first) = drives.first() else { return Ok(Vec::new()) };
     let unit = first.unit();
-    let mut series: Vec<Series> = SLOPES
+    let mut series: Vec<Series> = WhichSlope::ALL
         .iter()
         .zip(truth)
-        .map(|(name, truth)| Series { name: (*name).to_owned(), drives: Vec::new(), truth: truth.clone() })
+        .map(|(slope, truth)| Series { name: slope.name().to_owned(), drives: Vec::new(), truth: truth.clone() })
         .collect();
     // Several are drawn by where they were, at the stations of the first.
     let way = (drives.len() > 1 && unit == Unit::Metres).then(|| first.way()).flatten();
@@ -229,7 +230,7 @@ pub fn slopes(canvas: &Canvas<'_>, drives: &[Drive], names: &[String], truth: &T
             _ => drive.at(unit, i),
         };
         let places: Vec<Option<f64>> = drive.scans.iter().enumerate().map(place).collect();
-        for (slope, series) in series.iter_mut().enumerate() {
+        for (slope, series) in WhichSlope::ALL.into_iter().zip(&mut series) {
             let measured = drive.scans.iter().zip(&places).filter_map(|(scan, place)| {
                 let (value, ci95) = scan.reliable(slope)?;
                 let half = if ci95.is_finite() { ci95 } else { 0.0 };
@@ -283,11 +284,11 @@ fn errors(drive: &Drive, truth: &Path) -> anyhow::Result<Vec<(String, Vec<f64>)>
     let needed = |name: &str| find(name).with_context(|| format!("{}: has no column `{name}`", truth.display()));
     let scan_column = needed("scan")?;
     let (mut columns, mut kinds) = (Vec::new(), Vec::new());
-    for (slope, (column, name)) in COLUMNS.into_iter().zip(SLOPES).enumerate() {
+    for (slope, column) in WhichSlope::ALL.into_iter().zip(COLUMNS) {
         let found = if column.starts_with("right_") { find(column) } else { Some(needed(column)?) };
         if let Some(column) = found {
             columns.push((slope, column));
-            kinds.push((name.to_owned(), Vec::new()));
+            kinds.push((slope.name().to_owned(), Vec::new()));
         }
     }
     let mut scans = drive.scans.iter().peekable();
@@ -302,7 +303,7 @@ fn errors(drive: &Drive, truth: &Path) -> anyhow::Result<Vec<(String, Vec<f64>)>
         while scans.next_if(|scan| scan.number < number).is_some() {}
         let Some(scan) = scans.peek().filter(|scan| scan.number == number) else { continue };
         for (&(slope, column), (_, errors)) in columns.iter().zip(&mut kinds) {
-            let (measured, _) = scan.slopes[slope];
+            let (measured, _) = scan.slopes[slope.index()];
             if measured.is_finite() {
                 errors.push(f64::from(measured) - cell(column)?);
             }

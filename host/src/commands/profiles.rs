@@ -8,12 +8,12 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use anyhow::Context;
-use clap::ValueEnum;
 use crossfall::dataset::{self, Stopped, Written};
 use crossfall::drive::Drive;
 use crossfall::intervals::{Every, Gather, Interval, MILE_M};
 use crossfall::output::Output;
 use crossfall::profiles::{Rows, left_out};
+use crossfall::side::Side;
 use crossfall::table::{self, Format, Table};
 use crossfall::{fuse, interrupt};
 
@@ -56,13 +56,6 @@ pub struct Args {
     /// With --summary: for machines
     #[arg(long, requires = "summary")]
     json: bool,
-}
-
-/// A side of the vehicle: the median is on the left where traffic keeps right.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Side {
-    Left,
-    Right,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
@@ -110,11 +103,7 @@ fn fused(args: &Args, first: &Path, second: &Path) -> anyhow::Result<Outcome> {
         Drive::read(log, |at| progress.at(at))
     };
     let (one, other) = (read(first)?, read(second)?);
-    let (side, name) = match args.side {
-        Side::Left => (0, "left"),
-        Side::Right => (1, "right"),
-    };
-    let stretches = fuse::fuse(&one, &other, args.every.unwrap_or(Every { metres: 10.0 }), side);
+    let stretches = fuse::fuse(&one, &other, args.every.unwrap_or(Every { metres: 10.0 }), args.side);
     let stretches = stretches
         .with_context(|| format!("{} was never within 30 m of {}'s way", second.display(), first.display()))?;
     if args.output == Path::new("-") {
@@ -128,9 +117,9 @@ fn fused(args: &Args, first: &Path, second: &Path) -> anyhow::Result<Outcome> {
     }
     let mut lost = false;
     for (drive, log) in [(&one, first), (&other, second)] {
-        let unreliable = drive.unreliable(side);
+        let unreliable = drive.unreliable(args.side);
         if unreliable > 0 {
-            tell!("{}: {} on the {name}", log.display(), left_out(unreliable, "section"));
+            tell!("{}: {} on the {}", log.display(), left_out(unreliable, "section"), args.side.name());
         }
         lost |= tell_passed_over(Some(log), drive.health.damage);
     }
@@ -209,7 +198,7 @@ fn summary(log: &Path, json: bool) -> anyhow::Result<Outcome> {
     interrupt::check()?;
     miles.extend(gather.finish());
     drop(progress);
-    miles.sort_by(|a, b| a.from_m.total_cmp(&b.from_m).then(b.left.cmp(&a.left)));
+    miles.sort_by(|a, b| a.from_m.total_cmp(&b.from_m).then(a.side.cmp(&b.side)));
     if json {
         let miles: Vec<_> = miles.iter().map(as_json).collect();
         say_json(&serde_json::json!({
@@ -236,7 +225,7 @@ fn as_json(mile: &Interval) -> serde_json::Value {
     };
     serde_json::json!({
         "mile": (mile.from_m / MILE_M).round() as i64,
-        "side": if mile.left { "left" } else { "right" },
+        "side": mile.side.name(),
         "scans": mile.scans,
         "unreliable_scans": mile.unreliable,
         "adjacent": slope(mile.adjacent),
@@ -251,7 +240,7 @@ fn as_text(miles: &[Interval]) -> String {
         "mile", "side", "scans", "left out", "adjacent", "sd", "found", "opposing", "sd", "found"
     );
     for mile in miles {
-        let side = if mile.left { "left" } else { "right" };
+        let side = mile.side.name();
         text += &format!("\n{:>5.0} {side:<6}{:>8}{:>10}", mile.from_m / MILE_M, mile.scans, mile.unreliable);
         for slope in [mile.adjacent, mile.opposing] {
             text += &match slope.map(|slope| slope.slope_deg) {

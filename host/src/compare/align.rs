@@ -18,7 +18,7 @@ const LEAST_PAIRS: usize = 200;
 /// The other drive with every sample moved by its stretch's shift, and the shifts that were found.
 pub fn aligned(first: &[Course], other: &[Course], within_m: f64) -> (Vec<Course>, Vec<f64>) {
     let mut moved: Vec<Course> =
-        other.iter().map(|course| Course { samples: Vec::new(), left: course.left, kind: course.kind }).collect();
+        other.iter().map(|course| Course { samples: Vec::new(), side: course.side, kind: course.kind }).collect();
     let mut shifts = Vec::new();
     let starts = first.iter().filter_map(|course| course.samples.first()).map(|sample| sample.station_m);
     let ends = first.iter().filter_map(|course| course.samples.last()).map(|sample| sample.station_m);

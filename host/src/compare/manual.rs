@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::matching::place;
 use super::{Agreement, Drive, Kind, Options};
+use crate::side::Side;
 use crate::statistics::upper_median;
 use crate::way::Way;
 
@@ -18,8 +19,8 @@ use crate::way::Way;
 pub struct Measurement {
     /// Where.
     pub place: Place,
-    /// On the left.
-    pub left: bool,
+    /// On which side.
+    pub side: Side,
     /// Which slope.
     pub kind: Kind,
     /// The slope, in degrees.
@@ -126,9 +127,9 @@ pub fn read(path: &Path) -> Result<Vec<Measurement>, Error> {
             parsed
                 .ok_or_else(|| wrong(line, format!("{} = `{text}`, expected a number", headers.get(at).unwrap_or(""))))
         };
-        let left = match cell(side) {
-            "left" => true,
-            "right" => false,
+        let side = match cell(side) {
+            "left" => Side::Left,
+            "right" => Side::Right,
             other => return Err(wrong(line, format!("side = `{other}`, expected left or right"))),
         };
         let kind = match cell(kind) {
@@ -141,7 +142,7 @@ pub fn read(path: &Path) -> Result<Vec<Measurement>, Error> {
             (None, Some((latitude, longitude))) => Place::Geodetic(number(latitude)?, number(longitude)?),
             (None, None) => return Err(wrong(line, "station_m is empty".to_owned())),
         };
-        measurements.push(Measurement { place, left, kind, slope_deg: number(slope)? });
+        measurements.push(Measurement { place, side, kind, slope_deg: number(slope)? });
     }
     Ok(measurements)
 }
@@ -167,7 +168,7 @@ pub fn hold(
             Place::Geodetic(latitude, longitude) => way.and_then(|way| way.station_m([latitude, longitude, 0.0])),
         };
         let courses = if placed.forward { &placed.courses[..] } else { &[] };
-        let course = courses.iter().find(|c| c.left == measurement.left && c.kind == measurement.kind);
+        let course = courses.iter().find(|c| c.side == measurement.side && c.kind == measurement.kind);
         let mut around: Vec<f64> = course
             .zip(station_m)
             .map(|(course, at)| {
@@ -181,7 +182,7 @@ pub fn hold(
         };
         held.push(Held {
             station_m,
-            left: measurement.left,
+            left: measurement.side == Side::Left,
             slope: measurement.kind,
             manual_deg: sized(measurement.slope_deg),
             scans: around.len(),

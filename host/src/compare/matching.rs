@@ -2,6 +2,7 @@
 
 use super::{Kind, Options};
 use crate::profiles::Row;
+use crate::side::Side;
 use crate::statistics::upper_median;
 use crate::way::Way;
 
@@ -16,7 +17,7 @@ pub struct Sample {
 /// The slopes of one kind on one side, in the order of the road.
 #[derive(Clone, Debug)]
 pub struct Course {
-    pub left: bool,
+    pub side: Side,
     pub kind: Kind,
     pub samples: Vec<Sample>,
 }
@@ -40,13 +41,13 @@ pub fn place(rows: &[Row], way: Option<&Way>, options: &Options) -> Placed {
         None => row.position.station_m,
     };
     let mut placed = Placed { forward: true, ..Placed::default() };
-    let sides = [true, false].into_iter().filter(|left| options.sides.holds(*left));
-    placed.courses = sides.flat_map(|left| Kind::BOTH.map(|kind| Course { left, kind, samples: Vec::new() })).collect();
+    let sides = Side::BOTH.into_iter().filter(|side| options.sides.holds(*side));
+    placed.courses = sides.flat_map(|side| Kind::BOTH.map(|kind| Course { side, kind, samples: Vec::new() })).collect();
     let (mut onward, mut back) = (0_usize, 0_usize);
     let mut last: Option<f64> = None;
     // The two sides of a scan are at the same place.
     let mut of_scan: Option<(u32, u64, Option<f64>)> = None;
-    for row in rows.iter().filter(|row| options.sides.holds(row.left)) {
+    for row in rows.iter().filter(|row| options.sides.holds(row.side)) {
         let station_m = match of_scan {
             Some((scan, time, station_m)) if (scan, time) == (row.scan, row.time.0) => station_m,
             _ => station(row),
@@ -64,7 +65,7 @@ pub fn place(rows: &[Row], way: Option<&Way>, options: &Options) -> Placed {
             placed.unreliable += 1;
             continue;
         }
-        for course in placed.courses.iter_mut().filter(|course| course.left == row.left) {
+        for course in placed.courses.iter_mut().filter(|course| course.side == row.side) {
             if let Some(slope) = course.kind.of(row) {
                 let (slope_deg, ci95_deg) = (slope.slope_deg, slope.ci95_deg);
                 course.samples.push(Sample { station_m, slope_deg, ci95_deg });

@@ -6,6 +6,7 @@ use super::align::aligned;
 use super::matching::{Course, Placed, pairs, place};
 use super::{Agreement, Drive, Kind, Options};
 use crate::profiles::left_out;
+use crate::side::Side;
 use crate::way::Way;
 
 /// One drive held against the first.
@@ -90,7 +91,7 @@ impl Differences {
     fn of(first: &[Course], other: &[Course], within_m: f64, mut each: impl FnMut(Kind, f64, f64)) -> Self {
         let mut found = Self::default();
         for (a, b) in first.iter().zip(other) {
-            let list = &mut found.0[usize::from(a.kind == Kind::Opposing)];
+            let list = &mut found.0[a.kind as usize];
             for (a_sample, b_sample) in pairs(&a.samples, &b.samples, 0.0, within_m) {
                 let half = a_sample.ci95_deg.zip(b_sample.ci95_deg).map(|(a, b)| a.hypot(b));
                 list.push((b_sample.slope_deg - a_sample.slope_deg, half));
@@ -196,7 +197,7 @@ fn roll(first: &Drive, other: &Drive, way: Option<&Way>, options: &Options) -> A
         let mut samples: Vec<_> = drive
             .rows
             .iter()
-            .filter(|row| row.left)
+            .filter(|row| row.side == Side::Left)
             .filter_map(|row| {
                 let station_m = match way {
                     Some(way) => way.station_m(row.position.geodetic?)?,

@@ -5,7 +5,8 @@ use crossfall_core::protocol::message::flags;
 
 use super::manual::{Measurement, Place};
 use super::*;
-use crate::profiles::left_out;
+use crate::profiles::{SlopeRow, left_out};
+use crate::side::Side;
 use crate::track::Position;
 
 /// A drive over a road whose slopes are a wave along it; `late_m` is how far its positions are behind.
@@ -18,7 +19,7 @@ fn drive(name: &str, start_m: f64, late_m: f64, noise: f64) -> Drive {
         // A bend of a kilometre's radius.
         let (east, north) =
             (1_000.0 - 1_000.0 * ((along - late_m) / 1_000.0).cos(), 1_000.0 * ((along - late_m) / 1_000.0).sin());
-        for left in [true, false] {
+        for side in Side::BOTH {
             let slope = |slope_deg: f64| {
                 Some(SlopeRow { slope_deg, ci95_deg: Some(0.1), length_m: 4.0, points: 30, end_y_m: 8.0 })
             };
@@ -32,7 +33,7 @@ fn drive(name: &str, start_m: f64, late_m: f64, noise: f64) -> Drive {
                     ..Position::default()
                 },
                 roll_deg: 0.0,
-                left,
+                side,
                 road_slope_deg: None,
                 edge_y_m: None,
                 adjacent: slope(-8.0 + wave + jitter),
@@ -138,7 +139,7 @@ fn medians_over_stretches_take_the_noise_out() {
 #[test]
 fn measurements_by_hand_find_their_place() {
     let drive = drive("drive", 0.0, 0.0, 0.0);
-    let at = |place, kind, slope_deg| Measurement { place, left: true, kind, slope_deg };
+    let at = |place, kind, slope_deg| Measurement { place, side: Side::Left, kind, slope_deg };
     let [latitude, longitude, _] = drive.rows[600].position.geodetic.unwrap();
     let list = [
         at(Place::Station(240.0), Kind::Adjacent, -8.3),
@@ -159,7 +160,7 @@ fn stations_of_a_table_are_the_first_drives_whichever_drive_is_held() {
     let (first, later) = (drive("first", 0.0, 0.0, 0.0), drive("later", 150.0, 0.0, 0.0));
     // The slope at 310 m of the first drive, which is 160 m of the later one, where the wave has its other sign.
     let slope_deg = -8.0 + (310.0 * 2.0 * PI / 40.0).sin();
-    let list = [Measurement { place: Place::Station(310.0), left: true, kind: Kind::Adjacent, slope_deg }];
+    let list = [Measurement { place: Place::Station(310.0), side: Side::Left, kind: Kind::Adjacent, slope_deg }];
     let way = first.way();
     for drive in [&first, &later] {
         let held = manual::hold(drive, way.as_ref(), &list, &Options::default(), false);

@@ -7,6 +7,7 @@ use crossfall_core::protocol::message::Profile;
 use crossfall_core::scan::Points;
 
 use crate::section::{self, Fitted, Part};
+use crate::side::Side;
 use crate::units::{degrees, metres_f32 as metres};
 use crate::walk::places;
 
@@ -84,14 +85,17 @@ impl Section {
     #[must_use]
     pub fn new(profile: &Profile, points: &Points) -> Self {
         let places = places(points);
-        let mut sides = [&profile.left, &profile.right].map(|side| SideView {
-            edge: side.edge.map(|edge| (metres(edge.y_um), edge.ci95_um as f32 * 1e-6)),
-            flags: side.flags | profile.flags,
-            ..SideView::default()
+        let mut sides = Side::BOTH.map(|side| {
+            let found = side.of(profile);
+            SideView {
+                edge: found.edge.map(|edge| (metres(edge.y_um), edge.ci95_um as f32 * 1e-6)),
+                flags: found.flags | profile.flags,
+                ..SideView::default()
+            }
         });
         let [left, right] = &mut sides;
         for line in section::lines(profile, &places) {
-            let side = if line.left { &mut *left } else { &mut *right };
+            let side = if line.side == Side::Left { &mut *left } else { &mut *right };
             let piece = match line.part {
                 Part::Road => &mut side.road,
                 Part::Adjacent => &mut side.adjacent,

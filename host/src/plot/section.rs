@@ -9,6 +9,8 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::axes::{across_road, svg, title as headed};
 use super::{Error, Palette, Theme, signed, text};
 use crate::section::{Fitted, Part, Place, Section};
+use crate::side::Side;
+use crate::units::metres;
 
 const SIZE: (u32, u32) = (1200, 560);
 
@@ -42,7 +44,7 @@ fn draw(area: &DrawingArea<SVGBackend<'_>, Shift>, section: &Section, title: &st
 
     let fitted = section.lines();
     let of = |part: Part| fitted.iter().filter(move |line| line.part == part);
-    let marks = of(Part::Road).map(|line| (line.outer, colours.road, line.left));
+    let marks = of(Part::Road).map(|line| (line.outer, colours.road, line.side));
     let lines = [Part::Road, Part::Adjacent, Part::Opposing].map(|part| of(part).map(Line::of).collect::<Vec<_>>());
     for (list, colour) in [(&lines[0], colours.road), (&lines[1], colours.adjacent), (&lines[2], colours.opposing)] {
         let paths =
@@ -52,11 +54,12 @@ fn draw(area: &DrawingArea<SVGBackend<'_>, Shift>, section: &Section, title: &st
 
     // The edges above the road; each slope's value beside its line, where the raw points are not.
     let span = high - low;
-    for (place, colour, left) in marks {
+    for (place, colour, side) in marks {
         let at = flip(place);
         let top = (at.0, at.1 + span * 0.17);
         chart.draw_series([PathElement::new([(at.0, at.1 - span * 0.03), top], colour.stroke_width(1))])?;
-        let anchor = Pos::new(if left { HPos::Left } else { HPos::Right }, VPos::Bottom);
+        let horizontal = if side == Side::Left { HPos::Left } else { HPos::Right };
+        let anchor = Pos::new(horizontal, VPos::Bottom);
         let label = format!("edge {} m", signed(place.0, 2));
         chart.draw_series([Text::new(label, top, text(16, colour).pos(anchor))])?;
     }
@@ -168,7 +171,7 @@ fn bounds(section: &Section) -> (f64, f64, f64) {
     let ends = [&section.profile.left, &section.profile.right].into_iter().flat_map(|side| {
         [side.opposing.map(|s| s.end.y_um), side.adjacent.map(|s| s.end.y_um), side.edge.map(|e| e.y_um)]
     });
-    let outermost = ends.flatten().map(|um| f64::from(um.abs()) * 1e-6).fold(8.0, f64::max);
+    let outermost = ends.flatten().map(|um| metres(um.abs())).fold(8.0, f64::max);
     let reach = (outermost * 1.12).min(30.0);
     let seen = section.levelled.iter().chain(&section.raw).filter(|(y, _)| y.abs() <= reach).map(|&(_, z)| z);
     let (low, high) = seen.fold((f64::MAX, f64::MIN), |(low, high), z| (low.min(z), high.max(z)));

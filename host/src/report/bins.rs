@@ -3,6 +3,7 @@
 use crate::drive::{Drive, Unit};
 use crate::geodesy::Geodetic;
 use crate::intervals::{Estimate, Sample, Samples};
+use crate::side::WhichSlope;
 
 use super::BINS;
 
@@ -52,7 +53,7 @@ impl Bins {
             let Some((_, bin, samples)) = &mut open else { continue };
             bin.scans += 1;
             bin.place = bin.place.or(scan.place[0].is_finite().then_some(scan.place));
-            for (slope, samples) in samples.iter_mut().enumerate() {
+            for (slope, samples) in WhichSlope::ALL.into_iter().zip(samples) {
                 let found = scan.reliable(slope);
                 found.into_iter().for_each(|(value, ci95)| samples.push(Sample::new(value, ci95, at)));
             }
@@ -69,8 +70,8 @@ impl Bins {
     }
 
     /// Runs of neighbouring bins in which a slope was found.
-    pub fn runs(&self, slope: usize) -> impl Iterator<Item = Vec<(f64, Estimate)>> {
-        let found: Vec<_> = self.list.iter().filter_map(|bin| Some((bin.at, bin.slopes[slope]?))).collect();
+    pub fn runs(&self, slope: WhichSlope) -> impl Iterator<Item = Vec<(f64, Estimate)>> {
+        let found: Vec<_> = self.list.iter().filter_map(|bin| Some((bin.at, bin.slopes[slope.index()]?))).collect();
         let width = self.width;
         let runs: Vec<_> = found.chunk_by(|a, b| b.0 - a.0 < 2.5 * width).map(<[_]>::to_vec).collect();
         runs.into_iter()
@@ -118,7 +119,7 @@ mod tests {
             let estimates = || bins.list.iter().filter_map(|bin| bin.slopes[slope]);
             assert_eq!(estimates().map(|one| one.count).sum::<u64>(), found, "{slope}");
             assert!(estimates().all(|one| (one.value - if slope == 3 { 7.0 } else { -8.0 }).abs() < 1e-6), "{slope}");
-            assert!((drive.found(slope) - found as f64 / 900.0).abs() < 1e-9);
+            assert!((drive.found(WhichSlope::ALL[slope]) - found as f64 / 900.0).abs() < 1e-9);
         }
         let miles = tables::miles(&drive);
         assert!(miles.contains("<td>900</td><td>160</td><td>\u{2212}8.00"), "{miles}");

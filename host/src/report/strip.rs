@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::bins::{Bins, round_length};
-use crate::drive::SLOPES;
+use crate::side::WhichSlope;
 
 /// The charts' inner borders on the paper, in its units.
 pub const LEFT: f64 = 62.0;
@@ -41,8 +41,8 @@ pub fn draw(bins: &Bins) -> String {
             thousands(tick)
         );
     }
-    for (slope, name) in SLOPES.iter().enumerate() {
-        panel(&mut svg, bins, slope, name, GAP + slope as f64 * (PANEL + GAP), &x);
+    for slope in WhichSlope::ALL {
+        panel(&mut svg, bins, slope, GAP + slope.index() as f64 * (PANEL + GAP), &x);
     }
     let axis = bins.unit.axis();
     let _ = write!(
@@ -55,10 +55,10 @@ pub fn draw(bins: &Bins) -> String {
     svg + "</svg>"
 }
 
-fn panel(svg: &mut String, bins: &Bins, slope: usize, name: &str, top: f64, x: &dyn Fn(f64) -> f64) {
-    let found: Vec<_> = bins.list.iter().filter_map(|bin| bin.slopes[slope]).collect();
+fn panel(svg: &mut String, bins: &Bins, slope: WhichSlope, top: f64, x: &dyn Fn(f64) -> f64) {
+    let found: Vec<_> = bins.list.iter().filter_map(|bin| bin.slopes[slope.index()]).collect();
     let bottom = top + PANEL - GAP;
-    let kind = if name.ends_with("adjacent") { "adjacent" } else { "opposing" };
+    let (name, kind) = (slope.name(), slope.kind.name());
     let _ = write!(svg, "<text class=\"title {kind}\" x=\"{LEFT}\" y=\"{:.1}\">{name} slope</text>", top - 5.0);
     if found.is_empty() {
         let _ = write!(

@@ -5,8 +5,9 @@ use std::fmt::Write;
 use super::escaped;
 use super::strip::{ONE_IN_FOUR_DEG, thousands};
 use crate::calendar::{Date, unix_of_gps};
-use crate::drive::{Drive, SLOPES, Unit};
+use crate::drive::{Drive, Unit};
 use crate::intervals::{MILE_M, Sample, Samples};
+use crate::side::{Side, WhichSlope};
 use crate::units::{degrees, metres};
 
 /// One line under the title: when, where, how far, with what.
@@ -83,8 +84,8 @@ pub fn miles(drive: &Drive) -> String {
         return "<p>The log has no speed to tell stations from.</p>".to_owned();
     };
     let mut html = String::from("<table><thead><tr><th>station, miles</th><th>sections</th><th>left out</th>");
-    for name in SLOPES {
-        let _ = write!(html, "<th>{name}</th><th>steeper than 1:4</th>");
+    for slope in WhichSlope::ALL {
+        let _ = write!(html, "<th>{}</th><th>steeper than 1:4</th>", slope.name());
     }
     html += "</tr></thead><tbody>";
     // Miles by station, as in `profiles --summary`: the same sections in each.
@@ -94,8 +95,8 @@ pub fn miles(drive: &Drive) -> String {
     for scan in drive.scans.iter().filter(|scan| scan.station_m.is_finite()) {
         let Some(mile) = sorted.get_mut((mile_of(scan.station_m) - first) as usize) else { continue };
         mile.scans += 1;
-        mile.left_out += u64::from(!scan.is_reliable(0) || !scan.is_reliable(1));
-        for (slope, (samples, steep)) in mile.slopes.iter_mut().enumerate() {
+        mile.left_out += u64::from(Side::BOTH.iter().any(|side| !scan.is_reliable(*side)));
+        for (slope, (samples, steep)) in WhichSlope::ALL.into_iter().zip(&mut mile.slopes) {
             let Some((value, ci95)) = scan.reliable(slope) else { continue };
             samples.push(Sample::new(value, ci95, scan.station_m));
             *steep += u64::from(value.abs() > ONE_IN_FOUR_DEG);
@@ -178,19 +179,23 @@ pub fn health(drive: &Drive) -> String {
             );
         }
     }
-    for (side, name) in ["left", "right"].into_iter().enumerate() {
+    for side in Side::BOTH {
         let unreliable = drive.unreliable(side);
         if unreliable > 0 {
             row(
-                &format!("sections doubtful or without attitude on the {name}: left out of means"),
+                &format!("sections doubtful or without attitude on the {}: left out of means", side.name()),
                 format!("{} ({:.1} %)", count(unreliable), 100.0 * unreliable as f64 / scans),
                 unreliable as f64 * 10.0 < scans,
             );
         }
     }
-    for (slope, name) in SLOPES.iter().enumerate() {
+    for slope in WhichSlope::ALL {
         let found = drive.found(slope);
-        row(&format!("{name} slope found and to be relied on"), format!("{:.1} %", 100.0 * found), found > 0.5);
+        row(
+            &format!("{} slope found and to be relied on", slope.name()),
+            format!("{:.1} %", 100.0 * found),
+            found > 0.5,
+        );
     }
     format!("<table class=\"plain\"><tbody>{rows}</tbody></table>")
 }

@@ -12,6 +12,7 @@ use super::{Error, Line, Picture, RANGE_NOISE_MM, Report, limit, mean_magnitude}
 use crate::compare::{Kind, Options, Sides, manual};
 use crate::output;
 use crate::plot::{self, Twice, Words};
+use crate::side::Side;
 use crate::simulate::noise::{Noise, Purpose};
 use crate::simulate::scene::{Interpolation, Mode, Scene, Station, StationSide};
 use crate::statistics::rms;
@@ -76,7 +77,7 @@ pub fn run(bench: &Bench, report: &mut Report) -> Result<(), Error> {
         let path = bench.file("boards.csv");
         output::write(&path, table.as_bytes())?;
         let by_hand = manual::read(&path)?;
-        let options = Options { sides: Sides::Left, within_m: WIDTH_M / 2.0 - 0.05, over_m: None };
+        let options = Options { sides: Sides::One(Side::Left), within_m: WIDTH_M / 2.0 - 0.05, over_m: None };
         let mut held = Vec::new();
         for method in BOTH_METHODS {
             let drive = bench.profiles("boards", &captured, method)?;
@@ -86,7 +87,7 @@ pub fn run(bench: &Bench, report: &mut Report) -> Result<(), Error> {
         // A board is the median of the scans that meet it; the unit's error lasts from one to the next.
         let scans = 2.0 * options.within_m / (SPEED_M_S * 0.026_64);
         let bounds = captured.made.truth.iter().filter(|row| row.section.left.adjacent_slope_deg < -1.0).map(|row| {
-            let one = limit::slope_deg(&row.section, true, Kind::Adjacent, range_noise_mm * 1e-3, 1.0);
+            let one = limit::slope_deg(&row.section, Side::Left, Kind::Adjacent, range_noise_mm * 1e-3, 1.0);
             one * (core::f64::consts::FRAC_PI_2 / scans).sqrt()
         });
         let ranges = rms(bounds);

@@ -1,6 +1,7 @@
 //! What the sensors' noise leaves to a perfect evaluation.
 
 use crate::compare::Kind;
+use crate::side::Side;
 use crate::simulate::scene::Ins;
 use crate::simulate::section::{Section, cast};
 
@@ -12,7 +13,8 @@ const MAX_RANGE_M: f64 = 30.0;
 
 /// Cramer and Rao's bound of a slope, in degrees: the standard deviation of the best unbiased fit to the returns between the true ends of the
 /// slope, of which a share counts. Every range errs by `sigma_m` along its beam, which shows in height by g = down + slope x out.
-pub fn slope_deg(section: &Section, left: bool, kind: Kind, sigma_m: f64, share: f64) -> f64 {
+pub fn slope_deg(section: &Section, side: Side, kind: Kind, sigma_m: f64, share: f64) -> f64 {
+    let left = side == Side::Left;
     let side = if left { &section.left } else { &section.right };
     let (from, to, slope_deg) = match kind {
         Kind::Adjacent => (side.edge_m, side.adjacent_end_m(), side.adjacent_slope_deg),
@@ -87,9 +89,9 @@ mod tests {
         let section =
             |length: f64| Section { height_m: 2.5, cross_slope_deg: 0.0, left: side(length), right: side(length) };
         let close = |found: f64, expected: f64| assert!((found / expected - 1.0).abs() < 0.15, "{found}, {expected}");
-        close(slope_deg(&section(3.0), true, Kind::Adjacent, 0.0035, 1.0), 0.0165);
-        close(slope_deg(&section(5.0), true, Kind::Adjacent, 0.010, 1.0), 0.021);
-        close(slope_deg(&section(3.0), true, Kind::Opposing, 0.0035, 1.0), 0.0088);
+        close(slope_deg(&section(3.0), super::Side::Left, Kind::Adjacent, 0.0035, 1.0), 0.0165);
+        close(slope_deg(&section(5.0), super::Side::Left, Kind::Adjacent, 0.010, 1.0), 0.021);
+        close(slope_deg(&section(3.0), super::Side::Left, Kind::Opposing, 0.0035, 1.0), 0.0088);
     }
 
     #[test]

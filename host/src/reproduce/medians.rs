@@ -13,6 +13,7 @@ use super::{Error, Line, Picture, RANGE_NOISE_MM, Report, limit, mean_magnitude}
 use crate::compare::{Drive, Kind, Options, Sides, manual};
 use crate::output;
 use crate::plot::{self, Twice, Words};
+use crate::side::Side;
 use crate::simulate::scene::{Random, Scene, Surface, Vegetation};
 use crate::simulate::{surface, truth};
 use crate::statistics::rms;
@@ -64,14 +65,13 @@ pub fn run(bench: &Bench, report: &mut Report) -> Result<(), Error> {
                 let (from, to) = slope.ends();
                 let read = slope.by_hand_deg((from + to) / 2.0);
                 by_position.push(read - slope.whole_deg());
-                let name = if kind == Kind::Adjacent { "adjacent" } else { "opposing" };
-                let _ = writeln!(table, "left,{name},{read:.1},{:.3}", row.station_m);
+                let _ = writeln!(table, "left,{},{read:.1},{:.3}", kind.name(), row.station_m);
             }
         }
         let path = bench.file("medians.csv");
         output::write(&path, table.as_bytes())?;
         let list = manual::read(&path)?;
-        let options = Options { sides: Sides::Left, within_m: 0.5, over_m: None };
+        let options = Options { sides: Sides::One(Side::Left), within_m: 0.5, over_m: None };
         let (mut held, mut judged) = (Vec::new(), Vec::new());
         for method in BOTH_METHODS {
             let drive = bench.profiles("medians", &captured, method)?;
@@ -82,7 +82,7 @@ pub fn run(bench: &Bench, report: &mut Report) -> Result<(), Error> {
         let bounds: Vec<f64> = truth
             .iter()
             .step_by(20)
-            .flat_map(|row| Kind::BOTH.map(|k| limit::slope_deg(&row.section, true, k, sigma_m, GROUND_SHARE)))
+            .flat_map(|row| Kind::BOTH.map(|k| limit::slope_deg(&row.section, Side::Left, k, sigma_m, GROUND_SHARE)))
             .collect();
         let one = rms(bounds.iter().copied()).hypot(scene.ins.attitude_drift_deg);
         let by_hand = by_position.iter().map(|d| d.abs()).sum::<f64>() / by_position.len().max(1) as f64;
@@ -139,7 +139,7 @@ pub struct Judged {
 impl Judged {
     pub fn of(drive: &Drive, truth: &[truth::Row], surface: &surface::Surface) -> Self {
         let mut judged = Self::default();
-        for row in drive.rows.iter().filter(|row| row.left) {
+        for row in drive.rows.iter().filter(|row| row.side == Side::Left) {
             let Some(truth) = truth.get(row.scan as usize) else { continue };
             for kind in Kind::BOTH {
                 let Some(found) = kind.of(row) else { continue };

@@ -10,6 +10,7 @@ use super::surface_truth::{TrueSlope, surface};
 use super::{Error, Line, Picture, RANGE_NOISE_MM, Report, limit};
 use crate::compare::{Drive, Kind, Options, Repeat, Sides, repeat};
 use crate::plot::{self, Twice, Words};
+use crate::side::Side;
 use crate::simulate::motion::Attitude;
 use crate::simulate::noise::{Noise, Purpose};
 use crate::simulate::scene::{Scene, Wander};
@@ -38,7 +39,7 @@ fn scene(bench: &Bench, number: usize, range_noise_mm: f64) -> Scene {
 }
 
 pub fn run(bench: &Bench, report: &mut Report) -> Result<(), Error> {
-    let options = Options { sides: Sides::Left, ..Options::default() };
+    let options = Options { sides: Sides::One(Side::Left), ..Options::default() };
     for range_noise_mm in RANGE_NOISE_MM {
         let (mut by_method, mut perfect) = ([Vec::new(), Vec::new()], Vec::new());
         for number in 0..STARTS_M.len() {
@@ -84,14 +85,16 @@ fn ideal(scene: &Scene, captured: &Captured, mut drive: Drive, range_noise_mm: f
     let attitude = Attitude::new(&scene.vehicle, &mut Noise::new(scene.drive.seed, Purpose::Motion));
     let mut noise = Noise::new(scene.drive.seed, Purpose::Roughness);
     for row in &mut drive.rows {
-        let Some(truth) = captured.made.truth.get(row.scan as usize).filter(|_| row.left) else { continue };
+        let Some(truth) = captured.made.truth.get(row.scan as usize).filter(|_| row.side == Side::Left) else {
+            continue;
+        };
         let seconds = (truth.station_m - scene.drive.start_m) / scene.drive.speed_m_s;
         // A roll that is read too large turns the left side down, and with it what rises outward there.
         let roll_error = row.roll_deg - truth.roll_deg;
         for kind in Kind::BOTH {
             let slope = TrueSlope { lateral_m: attitude.lateral_m(seconds), ..TrueSlope::of(truth, &surface, kind) };
             let sigma_m = range_noise_mm * 1e-3;
-            let bound = limit::slope_deg(&truth.section, true, kind, sigma_m, GROUND_SHARE);
+            let bound = limit::slope_deg(&truth.section, Side::Left, kind, sigma_m, GROUND_SHARE);
             let slope_deg = slope.whole_deg() - roll_error + bound * noise.normal();
             let place = if kind == Kind::Adjacent { &mut row.adjacent } else { &mut row.opposing };
             if let Some(found) = place {

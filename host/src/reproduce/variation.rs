@@ -11,6 +11,7 @@ use crate::calibrate::statistics::line_slope;
 use crate::compare::{Drive, Kind};
 use crate::plot::{self, Across};
 use crate::section;
+use crate::side::Side;
 use crate::simulate::scene::Vegetation;
 use crate::statistics::{deviation, rms};
 use crossfall_core::protocol::Config;
@@ -55,7 +56,7 @@ pub fn run(bench: &Bench, report: &mut Report) -> Result<(), Error> {
         let near: Vec<_> = points.iter().filter(|(y, _)| (y - at).abs() <= half).copied().collect();
         (near.len() >= 8).then(|| (at, line_slope(&near).atan().to_degrees()))
     };
-    let whole = drive.rows.iter().find(|row| row.left && row.scan == MIDDLE).and_then(|row| row.adjacent);
+    let whole = drive.rows.iter().find(|row| row.side == Side::Left && row.scan == MIDDLE).and_then(|row| row.adjacent);
     let mut shown = Across {
         truth: places(0.05).map(|at| (at, slope.between_deg(at - half, at + half))).collect(),
         measured: places(STEP_M).filter_map(scanned).collect(),
@@ -68,7 +69,7 @@ pub fn run(bench: &Bench, report: &mut Report) -> Result<(), Error> {
     // Along the road.
     let whole_deg = |scan: u32| Some(TrueSlope::of(truth.get(scan as usize)?, &surface, Kind::Adjacent).whole_deg());
     let found = |row: &crate::profiles::Row| Some((row.scan, row.position.station_m?, row.adjacent?.slope_deg));
-    let along: Vec<_> = drive.rows.iter().filter(|row| row.left).filter_map(found).collect();
+    let along: Vec<_> = drive.rows.iter().filter(|row| row.side == Side::Left).filter_map(found).collect();
     shown.along = along.iter().map(|(_, station, slope)| (*station, *slope)).collect();
     shown.along_truth = along.iter().filter_map(|(scan, station, _)| Some((*station, whole_deg(*scan)?))).collect();
     let errors = along.iter().filter_map(|(scan, _, slope)| Some(slope - whole_deg(*scan)?));
