@@ -9,7 +9,7 @@
 
 mod beside;
 mod replay;
-pub(crate) mod times;
+mod times;
 
 use std::path::{Path, PathBuf};
 
