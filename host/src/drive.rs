@@ -12,12 +12,12 @@ use crossfall_core::protocol::message::{Message, Profile, PulseVerdict, flags};
 use crossfall_core::sensors::novatel::Quality;
 
 use crate::container::Error;
+use crate::counters::Totals;
 use crate::geodesy::Geodetic;
 use crate::interrupt;
 use crate::profiles::{Row, SlopeRow, UNRELIABLE, host_flags, sides};
 use crate::section::Section;
 use crate::side::{Side, WhichSlope};
-use crate::totals::Totals;
 use crate::units::{degrees, drift_ppm};
 use crate::walk::Walk;
 use crate::way::{Reach, Way};

@@ -5,19 +5,19 @@ use std::path::Path;
 
 use crossfall_core::protocol::DeviceTime;
 use crossfall_core::protocol::frame::Gap;
-use crossfall_core::protocol::message::{LineCounters, Message, Status};
+use crossfall_core::protocol::message::Message;
 use crossfall_core::sensors::{Scanner, cola, lms2xx, novatel};
 use serde::Serialize;
 
 use crate::capture::{Channel, Chunk, Reader};
 use crate::container::Error;
+use crate::counters::{self, Totals};
 use crate::interrupt;
 use crate::log;
 use crate::recorded::Recorded;
 use crate::scanner::{self, Family};
+use crate::span::Span;
 use crate::stream::{Item, Stream};
-use crate::totals::Totals;
-use crate::verify::times::Span;
 
 /// A file at a glance.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -109,8 +109,8 @@ fn look_at_chunks<S: Scanner>(
     ins.finish(&mut |_| ());
     info.scans = u64::from(lidar.scans());
     info.poses = u64::from(ins.solutions());
-    line_counters("lidar", &lidar.counters(), &mut info.counters);
-    line_counters("ins", &ins.counters(), &mut info.counters);
+    counters::line("lidar", &lidar.counters(), &mut info.counters);
+    counters::line("ins", &ins.counters(), &mut info.counters);
     info.counters.insert("scans_missing".to_owned(), u64::from(lidar.scans_missing()));
     info.counters.insert("scans_unreadable".to_owned(), u64::from(lidar.scans_unreadable()));
     Ok(())
@@ -168,67 +168,4 @@ fn look_at_log(mut log: Stream) -> Result<Info, Error> {
     info.seconds = span.seconds();
     info.losses = log.losses();
     Ok(info)
-}
-
-fn line_counters(line: &str, counters: &LineCounters, into: &mut BTreeMap<String, u64>) {
-    let LineCounters { bytes, frames, bad_frames, skipped, overruns } = *counters;
-    for (name, count) in [
-        ("bytes", bytes),
-        ("frames", u64::from(frames)),
-        ("bad_frames", u64::from(bad_frames)),
-        ("skipped", skipped),
-        ("overruns", u64::from(overruns)),
-    ] {
-        into.insert(format!("{line}.{name}"), count);
-    }
-}
-
-/// Every counter of a status by name.
-#[must_use]
-pub fn counters(status: &Status) -> BTreeMap<String, u64> {
-    let mut all = BTreeMap::new();
-    line_counters("lidar", &status.lidar, &mut all);
-    line_counters("ins", &status.ins, &mut all);
-    for (name, count) in [
-        ("scans", status.scans),
-        ("scans_missing", status.scans_missing),
-        ("scans_unreadable", status.scans_unreadable),
-        ("scans_skipped", status.scans_skipped),
-        ("poses", status.poses),
-        ("poses_unreadable", status.poses_unreadable),
-        ("pulses", status.pulses),
-        ("pulses_spurious", status.pulses_spurious),
-        ("pulses_overrun", status.pulses_overrun),
-        ("frames_dropped", status.frames_dropped),
-        ("commands_rejected", status.commands_rejected),
-    ] {
-        all.insert(name.to_owned(), u64::from(count));
-    }
-    all
-}
-
-/// The counters of a status that tell of lost data and are not zero.
-#[must_use]
-pub fn losses(status: &Status) -> BTreeMap<String, u64> {
-    lost(counters(status))
-}
-
-/// Counters of a status that tell of lost data.
-pub(crate) const LOSSES: [&str; 10] = [
-    "lidar.bad_frames",
-    "lidar.overruns",
-    "ins.bad_frames",
-    "ins.overruns",
-    "scans_missing",
-    "scans_unreadable",
-    "scans_skipped",
-    "poses_unreadable",
-    "pulses_overrun",
-    "frames_dropped",
-];
-
-/// Of counters by name those that tell of lost data and are not zero.
-pub(crate) fn lost(mut counters: BTreeMap<String, u64>) -> BTreeMap<String, u64> {
-    counters.retain(|name, count| *count > 0 && LOSSES.contains(&name.as_str()));
-    counters
 }

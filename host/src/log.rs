@@ -7,6 +7,7 @@
 //! byte lacks at most that much. [`Reader`] goes from the start to wherever the file ends, tells every damage with its place,
 //! finds the good frames within it, and goes on behind it. [`Recording`] does so over all files of a recording.
 
+pub mod metadata;
 mod parts;
 mod reader;
 mod recording;
@@ -31,24 +32,6 @@ const WIRE_ID: u16 = 1;
 
 /// Receive time after which a chunk is closed: half of the second that may be lost.
 pub const CHUNK_NS: u64 = 500_000_000;
-
-/// Names of metadata records.
-pub mod metadata {
-    /// Who sent the frames: `firmware`, `board`, `schema` (16 hexadecimal digits).
-    pub const IDENTITY: &str = "identity";
-    /// The configuration in force, as TOML under the key `toml`.
-    pub const CONFIG: &str = "config";
-    /// In every file of a recording but the first: its `number`, counted from 1, and the file `before` it.
-    pub const PART: &str = "part";
-    /// At the end of a file that another one follows: the `name` of that.
-    pub const NEXT: &str = "next";
-    /// The board has booted again: the `number` of the segment that begins, counted from 1, and `why`.
-    pub const SEGMENT: &str = "segment";
-    /// In a log that `recover` made: what it was made `from`, before its first frame; and at its end once more, with what was lost.
-    pub const RECOVERED: &str = "recovered";
-    /// The drive is a simulated one, which can be made again: its `seed`.
-    pub const SIMULATED: &str = "simulated";
-}
 
 /// One frame as received.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -28,8 +28,8 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use crossfall_core::protocol::Config;
 
+use crate::counters::Totals;
 use crate::output;
-use crate::totals::Totals;
 pub(crate) use amiss::Amiss;
 pub use buffer::CAPACITY;
 use buffer::{Buffer, Event, Taken};

@@ -13,13 +13,12 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use crossfall_core::protocol::frame::{Event, Gap, HostDecoder, Sequence};
-use crossfall_core::protocol::message::Message;
 use serde::Serialize;
 
 use crate::container::Error as Damage;
-use crate::log::{self, metadata};
+use crate::log::metadata::{self, Entries};
 use crate::verify::{self, verify};
-use crate::{config, container, output};
+use crate::{container, log, output};
 
 /// Losses kept in words; all are counted.
 const KEPT: usize = 1_000;
@@ -238,9 +237,9 @@ struct Recovery {
     /// Receive time of the first and of the latest frame.
     span: Option<(u64, u64)>,
     /// Metadata of the old files that frames do not say, by name.
-    described: BTreeMap<String, BTreeMap<String, String>>,
+    described: BTreeMap<String, Entries>,
     /// What the file before says of the one that follows it.
-    next: Option<BTreeMap<String, String>>,
+    next: Option<Entries>,
     /// Whether the first file is a later one of a recording.
     is_piece: bool,
 }
@@ -343,7 +342,7 @@ impl Recovery {
             match event {
                 Event::Frame(found) => {
                     gaps.push(self.sequence.observe_message(found.sequence, &found.body));
-                    described = describe(&found.body).or(described);
+                    described = metadata::of(&found.body).or(described);
                 }
                 Event::Rejected(found) => {
                     rejected = true;
@@ -417,26 +416,8 @@ impl Recovery {
     }
 }
 
-/// What metadata says of frames, from the frames.
-fn describe(message: &Message<'_>) -> Option<(&'static str, BTreeMap<String, String>)> {
-    match message {
-        Message::Hello(hello) => Some((
-            metadata::IDENTITY,
-            BTreeMap::from([
-                ("firmware".to_owned(), hello.firmware.to_owned()),
-                ("board".to_owned(), hello.board.to_owned()),
-                ("schema".to_owned(), format!("{:016x}", hello.schema)),
-            ]),
-        )),
-        Message::Config(found) => {
-            Some((metadata::CONFIG, BTreeMap::from([("toml".to_owned(), config::to_toml(found))])))
-        }
-        _ => None,
-    }
-}
-
 /// The account in the new log itself.
-fn provenance(from: String, report: &Report) -> BTreeMap<String, String> {
+fn provenance(from: String, report: &Report) -> Entries {
     BTreeMap::from([
         ("from".to_owned(), from),
         ("frames_lost".to_owned(), report.frames_lost.to_string()),

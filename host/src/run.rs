@@ -8,12 +8,13 @@ use std::collections::VecDeque;
 
 use crossfall_core::instrument::{Event, FIRMWARE, Identity, Instrument};
 use crossfall_core::protocol::frame::{MAX_MESSAGE_FRAME, Sequencer};
-use crossfall_core::protocol::message::{Message, Status};
+use crossfall_core::protocol::message::{Hello, Message, Status};
 use crossfall_core::protocol::ranges::MAX_CODE;
 use crossfall_core::protocol::{Config, DeviceTime, schema};
 use crossfall_core::sensors::{Scanner, cola};
 
 use crate::capture::{self, Channel, Chunk};
+use crate::log::metadata;
 use crate::scanner::{self, Family};
 use crate::wire::Wire;
 use crate::{container, log, output};
@@ -156,16 +157,12 @@ struct Link<'a> {
 impl Link<'_> {
     /// Metadata for readers that know no frames: who made the log and with which configuration.
     fn describe(&mut self, config: &Config) -> Result<(), output::Error> {
-        let identity = identity();
-        let entries = [
-            ("firmware", identity.firmware.to_owned()),
-            ("board", identity.board.to_owned()),
-            ("schema", format!("{:016x}", schema::HASH)),
-        ];
-        let entries = entries.map(|(key, value)| (key.to_owned(), value)).into();
-        self.log.metadata(log::metadata::IDENTITY, entries)?;
-        let toml = [("toml".to_owned(), crate::config::to_toml(config))].into();
-        self.log.metadata(log::metadata::CONFIG, toml)
+        let Identity { firmware, board, .. } = identity();
+        let hello = Hello { schema: schema::HASH, firmware, board, boot: 0, restart: "" };
+        for (name, entries) in [Message::Hello(hello), Message::Config(*config)].iter().filter_map(metadata::of) {
+            self.log.metadata(name, entries)?;
+        }
+        Ok(())
     }
 
     fn send_at(&mut self, now_ns: u64, event: &Event<'_>) {

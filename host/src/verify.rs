@@ -10,7 +10,7 @@
 mod beside;
 mod reading;
 mod replay;
-pub(crate) mod times;
+mod times;
 
 use std::path::{Path, PathBuf};
 

@@ -14,9 +14,9 @@ use crossfall_core::protocol::{Angle, Config};
 use crossfall_core::scan::{Points, RawScan, RollTrack, level};
 
 use crate::container::Error;
+use crate::counters::Totals;
 use crate::section::{Place, Section};
 use crate::stream::{Item, Stream};
-use crate::totals::Totals;
 use crate::track::{Position, Track};
 use crate::units::place;
 

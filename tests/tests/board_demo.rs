@@ -9,7 +9,7 @@ use std::process::{Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crossfall::{emulated, info, log, verify};
+use crossfall::{counters, emulated, log, verify};
 use crossfall_core::protocol::Config;
 use crossfall_core::protocol::config::Method;
 use crossfall_tests::emulator::{Emulator, Image, Options, image};
@@ -30,7 +30,7 @@ fn a_drive_goes_from_power_on_to_a_log_that_verifies() {
     let surveyed = surveyed.expect("a drive");
     writer.finish().expect("a whole log");
     assert_eq!((surveyed.missing_frames, surveyed.rejected), (0, 0));
-    assert!(info::losses(&surveyed.status).is_empty(), "{:?}", surveyed.status);
+    assert!(counters::losses(&surveyed.status).is_empty(), "{:?}", surveyed.status);
     assert_eq!(surveyed.status.scans as usize, truth.len());
     assert!(reached > 4_000_000, "{reached} us");
     let report = verify::verify(&path, |_| ()).expect("a readable log");

@@ -16,7 +16,7 @@ use crossfall::output::Output;
 use crossfall::profiles::{Row, Rows, write_csv};
 use crossfall::simulate::scene::{Mode, Scene};
 use crossfall::simulate::{self, truth};
-use crossfall::{container, emulated, info, log, output, report, verify};
+use crossfall::{container, counters, emulated, log, output, report, verify};
 use crossfall_core::protocol::Config;
 
 use super::progress::Progress;
@@ -172,7 +172,7 @@ fn in_process(capture: &Path, config: &Config, log: &mut log::Writer) -> anyhow:
         ran.frames,
         ran.bytes as f64 / 1e3 / ran.seconds.max(1e-3)
     );
-    Ok(!ran.damage.is_empty() || !info::losses(&ran.status).is_empty())
+    Ok(!ran.damage.is_empty() || !counters::losses(&ran.status).is_empty())
 }
 
 /// The drive through the board's image in QEMU; whether anything was lost.
@@ -202,7 +202,7 @@ fn in_emulator(
     );
     // What a telegram is late, its roll is late: half a degree for 70 ms on a vehicle that rolls at 7 degrees a second.
     tell!("           this machine sent its bytes {:.1} ms late at worst", played.latest.as_secs_f64() * 1e3);
-    let losses = info::losses(&status);
+    let losses = counters::losses(&status);
     for (name, count) in &losses {
         tell!("lost: {name} = {count}");
     }

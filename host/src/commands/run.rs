@@ -86,7 +86,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         ran.frames,
         ran.bytes as f64 / 1e3 / ran.seconds.max(1e-3)
     );
-    let losses = crossfall::info::losses(status);
+    let losses = crossfall::counters::losses(status);
     for (name, count) in &losses {
         tell!("lost: {name} = {count}");
     }

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use crate::info::LOSSES;
+use crate::counters::LOSSES;
 
 /// Faults kept for the viewers.
 const KEPT: usize = 12;

@@ -315,7 +315,7 @@ impl Model {
     }
 
     fn status(&mut self, status: &Status) {
-        let counters = crate::info::counters(status);
+        let counters = crate::counters::of(status);
         let first = !std::mem::replace(&mut self.status_known, true);
         let now = Some(Instant::now());
         for name in of_the_board() {

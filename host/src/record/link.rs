@@ -3,19 +3,19 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use crossfall_core::protocol::Config;
 use crossfall_core::protocol::frame::{Event, Gap, HostDecoder, MAX_MESSAGE_FRAME, Sequence};
 use crossfall_core::protocol::message::Message;
 
 use super::{Keeper, Notice, Summary, Tape};
-use crate::{log, output};
+use crate::log::metadata::{self, Entries};
+use crate::output;
 
 /// The host's end of the link.
 pub struct Link {
     decoder: HostDecoder,
     sequence: Sequence,
-    identity: BTreeMap<String, String>,
-    config: Option<Config>,
+    /// The metadata written so far, by name.
+    described: BTreeMap<&'static str, Entries>,
     /// Who sees to the board's configuration.
     pub keeper: Keeper,
     /// Receive time of the last bytes.
@@ -28,8 +28,7 @@ impl Link {
         Self {
             decoder: HostDecoder::new(),
             sequence: Sequence::new(),
-            identity: BTreeMap::new(),
-            config: None,
+            described: BTreeMap::new(),
             keeper,
             latest_ns: 0,
         }
@@ -64,10 +63,10 @@ impl Link {
                             };
                             let number = (summary.totals.restarts() + 1).to_string();
                             let entries = [("number".to_owned(), number), ("why".to_owned(), why.clone())].into();
-                            log.metadata(log::metadata::SEGMENT, entries)?;
+                            log.metadata(metadata::SEGMENT, entries)?;
                             notice(Notice::Restarted { why });
                         }
-                        describe(&frame.body, &mut self.identity, &mut self.config, log, notice)?;
+                        describe(&frame.body, &mut self.described, log, notice)?;
                         // Before the tape, which may have something to say as well.
                         self.keeper.hear(&frame.body, gap, Instant::now(), notice);
                         match frame.body {
@@ -113,32 +112,19 @@ fn count(summary: &mut Summary, raw: &[u8]) {
 /// Metadata for readers that know no frames, whenever they change: who the board is and how it is configured.
 fn describe(
     message: &Message<'_>,
-    identity: &mut BTreeMap<String, String>,
-    config: &mut Option<Config>,
+    described: &mut BTreeMap<&'static str, Entries>,
     log: &mut impl Tape,
     notice: &mut impl FnMut(Notice),
 ) -> Result<(), output::Error> {
-    match message {
-        Message::Hello(hello) => {
-            let entries = [
-                ("firmware", hello.firmware.to_owned()),
-                ("board", hello.board.to_owned()),
-                ("schema", format!("{:016x}", hello.schema)),
-            ];
-            let entries = entries.map(|(key, value)| (key.to_owned(), value)).into();
-            if *identity != entries {
-                log.metadata(log::metadata::IDENTITY, entries.clone())?;
-                *identity = entries;
-                let (firmware, board) = (hello.firmware.to_owned(), hello.board.to_owned());
-                notice(Notice::Board { firmware, board, schema: hello.schema });
-            }
-        }
-        Message::Config(found) if *config != Some(*found) => {
-            let toml = [("toml".to_owned(), crate::config::to_toml(found))].into();
-            log.metadata(log::metadata::CONFIG, toml)?;
-            *config = Some(*found);
-        }
-        _ => {}
+    let Some((name, entries)) = metadata::of(message).filter(|(name, entries)| described.get(name) != Some(entries))
+    else {
+        return Ok(());
+    };
+    log.metadata(name, entries.clone())?;
+    described.insert(name, entries);
+    if let Message::Hello(hello) = message {
+        let (firmware, board) = (hello.firmware.to_owned(), hello.board.to_owned());
+        notice(Notice::Board { firmware, board, schema: hello.schema });
     }
     Ok(())
 }

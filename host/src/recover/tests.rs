@@ -5,7 +5,7 @@ use crate::container::Container;
 use crate::container::disk::tests::Failing;
 use crossfall_core::protocol::DeviceTime;
 use crossfall_core::protocol::frame::{MAX_MESSAGE_FRAME, Sequencer};
-use crossfall_core::protocol::message::{Pulse, PulseVerdict};
+use crossfall_core::protocol::message::{Message, Pulse, PulseVerdict};
 
 const T: u64 = 1_790_000_000_000_000_000;
 const EVERY_NS: u64 = 20_000_000;

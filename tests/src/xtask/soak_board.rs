@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use crossfall::emulated::scanner::{Mode, Scanner};
 use crossfall::simulate::scene::Scene;
-use crossfall::{capture, info, log, simulate, verify};
+use crossfall::{capture, counters, log, simulate, verify};
 use crossfall_core::protocol::message::{Message, Status};
 use crossfall_tests::emulator::{Emulator, Image, Options, Step, at_line_rates, half_the_scans, image, told};
 
@@ -102,7 +102,7 @@ fn soak(seconds: u64) -> Result<Vec<String>, Failure> {
                             status.scans,
                             status.poses,
                             status.pulses,
-                            info::losses(&status).len(),
+                            counters::losses(&status).len(),
                             begun.elapsed().as_secs_f64()
                         );
                         stacks.borrow_mut().push(stack);
@@ -133,7 +133,7 @@ fn soak(seconds: u64) -> Result<Vec<String>, Failure> {
     );
 
     let mut problems: Vec<String> =
-        info::losses(&status).into_iter().map(|(name, count)| format!("lost: {name} = {count}")).collect();
+        counters::losses(&status).into_iter().map(|(name, count)| format!("lost: {name} = {count}")).collect();
     let mut expect = |what: &str, found: u64, expected: u64| {
         if found != expected {
             problems.push(format!("{what}: {found}, expected {expected}"));

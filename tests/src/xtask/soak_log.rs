@@ -92,7 +92,7 @@ fn soak(hours: u64, scratch: &Path) -> Result<(), String> {
     );
     let early = early.unwrap_or(latest);
     println!("memory: {} MiB after two hours, {} MiB at most later", early / 1024, latest / 1024);
-    let losses = crossfall::info::losses(&summary.status);
+    let losses = crossfall::counters::losses(&summary.status);
     if !report.ok || !losses.is_empty() || !summary.damage.is_empty() {
         return Err(format!("lost: {losses:?}; {:?}", &report.problems[..report.problems.len().min(10)]));
     }

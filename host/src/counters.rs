@@ -1,13 +1,11 @@
-//! The board's counters over a whole stream.
+//! The board's counters by name, in a status and over a whole stream.
 //!
 //! A board that boots again counts from zero; what it had lost before is lost all the same. So the last status of every boot is added up. What the first
 //! status of all tells was lost before anybody listened: it is known apart.
 
 use std::collections::BTreeMap;
 
-use crossfall_core::protocol::message::Status;
-
-use crate::info;
+use crossfall_core::protocol::message::{LineCounters, Status};
 
 /// Counters by name, over all boots.
 #[derive(Clone, Debug, Default)]
@@ -49,7 +47,7 @@ impl Totals {
     #[must_use]
     pub fn counters(&self) -> BTreeMap<String, u64> {
         let mut all = self.earlier.clone();
-        for (name, count) in self.latest.iter().flat_map(info::counters) {
+        for (name, count) in self.latest.iter().flat_map(of) {
             *all.entry(name).or_default() += count;
         }
         all
@@ -58,13 +56,13 @@ impl Totals {
     /// The counters that tell of lost data and are not zero.
     #[must_use]
     pub fn losses(&self) -> BTreeMap<String, u64> {
-        info::lost(self.counters())
+        lost(self.counters())
     }
 
     /// Those of them that the first status told already.
     #[must_use]
     pub fn losses_before(&self) -> BTreeMap<String, u64> {
-        self.first.as_ref().map(info::losses).unwrap_or_default()
+        self.first.as_ref().map(losses).unwrap_or_default()
     }
 
     /// Those of them that have come since.
@@ -77,6 +75,70 @@ impl Totals {
         losses.retain(|_, count| *count > 0);
         losses
     }
+}
+
+/// The counters of a sensor's line, by its name and theirs.
+pub(crate) fn line(name: &str, counters: &LineCounters, into: &mut BTreeMap<String, u64>) {
+    let LineCounters { bytes, frames, bad_frames, skipped, overruns } = *counters;
+    for (counter, count) in [
+        ("bytes", bytes),
+        ("frames", u64::from(frames)),
+        ("bad_frames", u64::from(bad_frames)),
+        ("skipped", skipped),
+        ("overruns", u64::from(overruns)),
+    ] {
+        into.insert(format!("{name}.{counter}"), count);
+    }
+}
+
+/// Every counter of a status by name.
+#[must_use]
+pub fn of(status: &Status) -> BTreeMap<String, u64> {
+    let mut all = BTreeMap::new();
+    line("lidar", &status.lidar, &mut all);
+    line("ins", &status.ins, &mut all);
+    for (name, count) in [
+        ("scans", status.scans),
+        ("scans_missing", status.scans_missing),
+        ("scans_unreadable", status.scans_unreadable),
+        ("scans_skipped", status.scans_skipped),
+        ("poses", status.poses),
+        ("poses_unreadable", status.poses_unreadable),
+        ("pulses", status.pulses),
+        ("pulses_spurious", status.pulses_spurious),
+        ("pulses_overrun", status.pulses_overrun),
+        ("frames_dropped", status.frames_dropped),
+        ("commands_rejected", status.commands_rejected),
+    ] {
+        all.insert(name.to_owned(), u64::from(count));
+    }
+    all
+}
+
+/// The counters of a status that tell of lost data and are not zero.
+#[must_use]
+pub fn losses(status: &Status) -> BTreeMap<String, u64> {
+    lost(of(status))
+}
+
+/// Counters of a status that tell of lost data.
+pub(crate) const LOSSES: [&str; 10] = [
+    "lidar.bad_frames",
+    "lidar.overruns",
+    "ins.bad_frames",
+    "ins.overruns",
+    "scans_missing",
+    "scans_unreadable",
+    "scans_skipped",
+    "poses_unreadable",
+    "pulses_overrun",
+    "frames_dropped",
+];
+
+/// Of counters by name those that tell of lost data and are not zero.
+fn lost(mut counters: BTreeMap<String, u64>) -> BTreeMap<String, u64> {
+    counters.retain(|name, count| *count > 0 && LOSSES.contains(&name.as_str()));
+    counters
 }
 
 #[cfg(test)]
