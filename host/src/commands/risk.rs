@@ -21,7 +21,7 @@ use crossfall::terrain::source::Source;
 use crossfall_core::terrain::{FrameReport, Refusal, TerrainConfig};
 
 use super::progress::Progress;
-use super::{Outcome, drives, say, say_json, tell};
+use super::{Outcome, drives, number, say, say_json, tell};
 
 /// Elevation and driving risk maps (GeoTIFF, PNG, CSV of cells) from 3-D LiDAR frames
 #[derive(clap::Args)]
@@ -55,13 +55,13 @@ pub struct Args {
     #[arg(long, value_name = "FRAME")]
     at: Option<usize>,
     /// How far ahead the map is kept, m
-    #[arg(long, value_name = "M", default_value_t = 60.0, value_parser = range)]
+    #[arg(long, value_name = "M", default_value_t = 60.0, value_parser = number(5.0_f32, 150.0))]
     range: f32,
     /// Side of a cell, m
-    #[arg(long, value_name = "M", default_value_t = 0.1, value_parser = cell)]
+    #[arg(long, value_name = "M", default_value_t = 0.1, value_parser = number(0.05_f32, 0.5))]
     cell: f32,
     /// Radius of the wheel that takes the steps, m
-    #[arg(long, value_name = "M", default_value_t = 0.32, value_parser = wheel)]
+    #[arg(long, value_name = "M", default_value_t = 0.32, value_parser = number(0.05_f32, 2.0))]
     wheel: f32,
     /// A picture of the surroundings every so many frames, in DIR/series
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
@@ -75,23 +75,6 @@ pub struct Args {
     /// Print the summary as JSON
     #[arg(long)]
     json: bool,
-}
-
-fn bounded(text: &str, low: f32, high: f32) -> Result<f32, String> {
-    let value: f32 = text.parse().map_err(|_| format!("'{text}' is no number"))?;
-    if value >= low && value <= high { Ok(value) } else { Err(format!("must be {low} to {high}")) }
-}
-
-fn range(text: &str) -> Result<f32, String> {
-    bounded(text, 5.0, 150.0)
-}
-
-fn cell(text: &str) -> Result<f32, String> {
-    bounded(text, 0.05, 0.5)
-}
-
-fn wheel(text: &str) -> Result<f32, String> {
-    bounded(text, 0.05, 2.0)
 }
 
 /// What happened to the frames of a run.
