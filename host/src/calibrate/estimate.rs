@@ -3,7 +3,7 @@
 use crossfall_core::protocol::message::{Pose, flags};
 
 use super::ground::{Ground, Residual};
-use super::statistics::HighPass;
+use super::statistics::{HighPass, Regression};
 use super::{Drive, Estimate, LEAST_SCANS, Refusal, Sample, Surface, drift, statistics};
 use crate::interrupt;
 use crate::statistics::{deviation, rms};
@@ -35,32 +35,8 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
     let start_us = f64::from(drive.config.scanner.delay_us);
     let before = ground.residuals(start_us);
     interrupt::check()?;
-    let too_few = |usable: usize| Refusal::TooFew { usable, scans: drive.scans.len() };
-    if before.len() < LEAST_SCANS {
-        return Err(too_few(before.len()));
-    }
-    let mut delay_us = start_us;
-    let mut filter = HighPass::best(&before);
-    let mut fit = statistics::regress(&before, filter);
-    // Gauss-Newton: the residual is linear in the delay up to the curvature of the roll, so a few steps settle it. Without roll there is
-    // nothing to follow.
-    for step in 0..6 {
-        let step_us = fit.slope.clamp(-30_000.0, 30_000.0);
-        if fit.slope_se.is_nan() || fit.slope_se > FOLLOWED_SE_US || step_us.abs() < 0.5 {
-            break;
-        }
-        delay_us = (delay_us + step_us).clamp(-200_000.0, 200_000.0);
-        let points = ground.residuals(delay_us);
-        interrupt::check()?;
-        if points.len() < LEAST_SCANS {
-            return Err(too_few(points.len()));
-        }
-        // With most of the delay taken out, what is left is what the filter is to keep away.
-        if step == 0 {
-            filter = HighPass::best(&points);
-        }
-        fit = statistics::regress(&points, filter);
-    }
+    enough(&before, drive)?;
+    let (mut delay_us, fit) = follow_delay(drive, &ground, &before)?;
     let by_arrival = before.iter().filter(|point| point.flags & flags::TIME_BY_ARRIVAL != 0).count();
     let timed = by_arrival * 2 <= before.len();
     let delay_determined = timed && fit.slope_se <= MAX_DELAY_SE_US;
@@ -70,42 +46,17 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
     let after = ground.residuals(delay_us);
     interrupt::check()?;
     let level = drift::mean(&after);
-    let (true_slope, prior_se, said) = match surface {
-        Surface::Known(degrees) => {
-            (degrees, 0.0, format!("the surface's slope was given: {degrees} degrees to the left"))
-        }
-        Surface::Assumed if parked => {
-            let said = "the vehicle stood: the surface under it is taken for level; a second log from the same spot in the opposite \
-                        direction would make sure";
-            (0.0, 0.0, said.to_owned())
-        }
-        Surface::Assumed => {
-            let why = if stood.is_none() { "no pose has a velocity, so the vehicle may have driven: " } else { "" };
-            let said = format!(
-                "{why}the road's mean cross slope is not known: +/-{ROAD_PRIOR_DEG} degrees are allowed for it"
-            );
-            (0.0, ROAD_PRIOR_DEG, said)
-        }
-    };
+    let prior = prior(surface, stood);
     let old_offset_deg = degrees(drive.config.scanner.mounting_offset);
-    let offset_deg = old_offset_deg + true_slope - level.mean_deg;
-    let offset_se_deg = level.se_deg.hypot(prior_se);
+    let offset_deg = old_offset_deg + prior.slope_deg - level.mean_deg;
+    let offset_se_deg = level.se_deg.hypot(prior.se_deg);
     let rate = rms(after.iter().map(|point| point.rate_deg_us * 1e6));
-    let mut remarks = vec![said];
-    let delay_remark = if !timed {
-        let said = "the delay cannot be told: most poses are timed by their arrival, as there were no pulses, and the inertial unit's \
-                    own delay would pass for the scanner's";
-        Some(said.to_owned())
-    } else {
-        (!delay_determined).then(|| too_uncertain(&fit, rate, &after))
-    };
+    let mut remarks = vec![prior.remark];
+    let delay_remark = (!delay_determined).then(|| refused_delay(timed, &fit, rate, &after));
     remarks.extend(delay_remark.clone());
     let offset_determined = offset_se_deg <= MAX_OFFSET_SE_DEG;
     if !offset_determined {
-        remarks.push(format!(
-            "the offset is not known well enough to be used (standard error {offset_se_deg:.2} degrees); park on level ground, or give \
-             the cross slope"
-        ));
+        remarks.push(offset_remark(offset_se_deg, "park on level ground, or give the cross slope"));
     }
     let mut left_out = drive.left_out.clone();
     if drive.damage > 0 {
@@ -137,8 +88,82 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
     Ok((estimate, samples))
 }
 
+/// Refuses what says too little.
+fn enough(points: &[Residual], drive: &Drive) -> Result<(), Refusal> {
+    match points.len() {
+        LEAST_SCANS.. => Ok(()),
+        usable => Err(Refusal::TooFew { usable, scans: drive.scans.len() }),
+    }
+}
+
+/// The delay that takes the roll rate out of the residuals, in microseconds, and the fit with it taken out; from the log's own delay, whose residuals
+/// are `before`.
+fn follow_delay(drive: &Drive, ground: &Ground<'_>, before: &[Residual]) -> Result<(f64, Regression), Refusal> {
+    let mut delay_us = f64::from(drive.config.scanner.delay_us);
+    let mut filter = HighPass::best(before);
+    let mut fit = statistics::regress(before, filter);
+    // Gauss-Newton: the residual is linear in the delay up to the curvature of the roll, so a few steps settle it. Without roll there is
+    // nothing to follow.
+    for step in 0..6 {
+        let step_us = fit.slope.clamp(-30_000.0, 30_000.0);
+        if fit.slope_se.is_nan() || fit.slope_se > FOLLOWED_SE_US || step_us.abs() < 0.5 {
+            break;
+        }
+        delay_us = (delay_us + step_us).clamp(-200_000.0, 200_000.0);
+        let points = ground.residuals(delay_us);
+        interrupt::check()?;
+        enough(&points, drive)?;
+        // With most of the delay taken out, what is left is what the filter is to keep away.
+        if step == 0 {
+            filter = HighPass::best(&points);
+        }
+        fit = statistics::regress(&points, filter);
+    }
+    Ok((delay_us, fit))
+}
+
+/// What is known of the surface before it is looked at.
+struct Prior {
+    /// Its slope to the left, and the standard error of that.
+    slope_deg: f64,
+    se_deg: f64,
+    remark: String,
+}
+
+/// `stood` is whether the vehicle did, as far as that is known.
+fn prior(surface: Surface, stood: Option<bool>) -> Prior {
+    match (surface, stood) {
+        (Surface::Known(slope_deg), _) => {
+            let remark = format!("the surface's slope was given: {slope_deg} degrees to the left");
+            Prior { slope_deg, se_deg: 0.0, remark }
+        }
+        (Surface::Assumed, Some(true)) => {
+            let remark = "the vehicle stood: the surface under it is taken for level; a second log from the same spot in the opposite \
+                          direction would make sure";
+            Prior { slope_deg: 0.0, se_deg: 0.0, remark: remark.to_owned() }
+        }
+        (Surface::Assumed, moved) => {
+            let why = if moved.is_none() { "no pose has a velocity, so the vehicle may have driven: " } else { "" };
+            let remark = format!(
+                "{why}the road's mean cross slope is not known: +/-{ROAD_PRIOR_DEG} degrees are allowed for it"
+            );
+            Prior { slope_deg: 0.0, se_deg: ROAD_PRIOR_DEG, remark }
+        }
+    }
+}
+
+/// What is said of an offset that is refused.
+pub(super) fn offset_remark(se_deg: f64, advice: &str) -> String {
+    format!("the offset is not known well enough to be used (standard error {se_deg:.2} degrees); {advice}")
+}
+
 /// Why the delay is refused, and what would tell it.
-fn too_uncertain(fit: &statistics::Regression, rate_deg_s: f64, points: &[Residual]) -> String {
+fn refused_delay(timed: bool, fit: &Regression, rate_deg_s: f64, points: &[Residual]) -> String {
+    if !timed {
+        return "the delay cannot be told: most poses are timed by their arrival, as there were no pulses, and the inertial unit's \
+                own delay would pass for the scanner's"
+            .to_owned();
+    }
     let minutes = points.len() as f64 / statistics::scans_in(points, 60.0).max(1) as f64;
     let times = (fit.slope_se / MAX_DELAY_SE_US).powi(2);
     let longer = if times.is_finite() && times * minutes < 120.0 {

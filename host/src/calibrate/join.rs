@@ -8,7 +8,7 @@
 //! the tilt 120 degrees apart. Of it is known what is known of any paved ground, and the doubt is in the offset's standard error.
 
 use super::Estimate;
-use super::estimate::{MAX_OFFSET_SE_DEG, ROAD_PRIOR_DEG};
+use super::estimate::{MAX_OFFSET_SE_DEG, ROAD_PRIOR_DEG, offset_remark};
 
 /// Logs whose directions differ by less than this, in degrees, are not taken for a reversal: the ground is taken for level, as for a single one.
 const LEAST_TURN_DEG: f64 = 120.0;
@@ -75,10 +75,9 @@ pub fn join(mut estimates: Vec<Estimate>, old_offset_deg: f64) -> Option<Estimat
     let delay_remark = first.delay_remark.clone().filter(|_| !delay_determined);
     remarks.extend(delay_remark.clone());
     if !offset_determined {
-        remarks.push(format!(
-            "the offset is not known well enough to be used (standard error {offset_se_deg:.2} degrees); turn the vehicle right round, to \
-             within nine degrees of opposite, or add a log in a third direction"
-        ));
+        let advice =
+            "turn the vehicle right round, to within nine degrees of opposite, or add a log in a third direction";
+        remarks.push(offset_remark(offset_se_deg, advice));
     }
     remarks.extend(left_out.iter().cloned());
     Some(Estimate {

@@ -18,7 +18,7 @@ use crossfall::plot::{self, Courses, Twice, Words};
 use super::plot::Theme;
 use super::{Outcome, drives, number, say, say_json, tell, tell_passed_over};
 
-/// Hold drives against each other, against measurements by hand, or two inertial units of one drive
+/// Compare repeat drives, a drive with hand measurements, or two inertial units
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -38,7 +38,7 @@ pub struct Args {
     /// Compare magnitudes with --manual: for tables whose slopes have no sign
     #[arg(long, requires = "manual")]
     magnitudes: bool,
-    /// Slopes within this distance along the road are of the same place
+    /// Greatest distance along the road between slopes that are taken as the same place
     #[arg(long, value_name = "METRES", default_value_t = 1.0, value_parser = number(0.001, 1e4))]
     within: f64,
     /// Compare medians over stretches of this length instead of single scans

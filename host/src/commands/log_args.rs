@@ -2,6 +2,8 @@
 
 use crossfall::log;
 
+use super::size;
+
 /// How a recording is written.
 #[derive(clap::Args)]
 pub struct LogArgs {
@@ -25,22 +27,4 @@ impl LogArgs {
         let max_ns = self.rotate_minutes.map_or(u64::MAX, |minutes| minutes * 60_000_000_000);
         log::Options { max_bytes: self.rotate_size, max_ns, compress: self.compress }
     }
-}
-
-/// `500MB`, `2GiB`, `1000000`.
-fn size(text: &str) -> Result<u64, String> {
-    let digits = text.find(|c: char| !c.is_ascii_digit()).unwrap_or(text.len());
-    let (number, unit) = text.split_at(digits);
-    let unit: u64 = match unit {
-        "" | "B" => 1,
-        "kB" => 1_000,
-        "MB" => 1_000_000,
-        "GB" => 1_000_000_000,
-        "KiB" => 1 << 10,
-        "MiB" => 1 << 20,
-        "GiB" => 1 << 30,
-        _ => return Err("expected a whole number with B, kB, MB, GB, KiB, MiB or GiB".to_owned()),
-    };
-    let size = number.parse::<u64>().ok().and_then(|number| number.checked_mul(unit));
-    size.ok_or_else(|| "expected a whole number with B, kB, MB, GB, KiB, MiB or GiB".to_owned())
 }

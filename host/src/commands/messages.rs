@@ -7,26 +7,26 @@ use crossfall::words;
 
 use super::{Outcome, drives, has_read_enough, print, print_json_line, tell};
 
-/// What the board said in words
+/// Print the board's log lines and bench messages
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   crossfall messages drive.log.mcap
-  crossfall messages drive.log.mcap --elf crossfall-board")]
+  crossfall messages drive.log.mcap --image crossfall-board")]
 pub struct Args {
     /// The log
     log: PathBuf,
     /// The image that ran on the board: its bench messages (defmt) become readable. Cargo builds it
     /// as `target/thumbv7em-none-eabihf/release/crossfall-board` in the board's folder
-    #[arg(long, value_name = "ELF")]
-    elf: Option<PathBuf>,
+    #[arg(long, value_name = "ELF", alias = "elf")]
+    image: Option<PathBuf>,
     /// Print a JSON object a line for machines
     #[arg(long)]
     json: bool,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    let table = args.elf.as_deref().map(words::table).transpose()?;
+    let table = args.image.as_deref().map(words::table).transpose()?;
     drives::of(std::slice::from_ref(&args.log));
     let mut lines = 0_u64;
     let untold = words::read(&args.log, table.as_ref(), |line| -> anyhow::Result<()> {
@@ -45,7 +45,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         tell!("{}: the board has said nothing", args.log.display());
     }
     if untold.defmt_bytes > 0 {
-        tell!("{} bytes of bench messages; --elf, with the board's image, makes them readable", untold.defmt_bytes);
+        tell!("{} bytes of bench messages; --image, with the board's image, makes them readable", untold.defmt_bytes);
     }
     if untold.malformed > 0 {
         tell!("{} bench messages do not decode: is this the image that ran?", untold.malformed);

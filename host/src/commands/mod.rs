@@ -10,6 +10,7 @@ mod drives;
 mod export;
 mod import;
 mod info;
+mod inputs;
 mod log_args;
 mod messages;
 mod monitor;
@@ -24,22 +25,21 @@ mod reproduce;
 mod reproduce_terrain;
 mod risk;
 mod run;
+mod say;
 mod serve;
 mod simulate;
 mod terminal;
 mod terrain_scene;
+mod values;
 mod verify;
 
-use std::io::{self, Write};
-use std::path::{Path, PathBuf};
-
-use anyhow::Context;
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
-use crossfall::{output, table};
-use crossfall_core::protocol::Config;
 
+use inputs::{configuration, distinct, paths, table_format};
+use say::{has_read_enough, print, print_json_line, say, say_json, tell, tell_growing, tell_passed_over};
 pub use terminal::visible;
+use values::{number, size};
 
 /// Measures the slopes beside a road from a moving vehicle.
 ///
@@ -140,113 +140,9 @@ impl Command {
     }
 }
 
-/// The configuration of a file, or the defaults.
-fn configuration(file: Option<&Path>) -> anyhow::Result<Config> {
-    Ok(file.map(crossfall::config::read).transpose()?.unwrap_or_default())
-}
-
-/// Prints data for people that a command does nothing but stream; an error as of [`has_read_enough`] tells it to stop.
-fn print(text: &str) -> io::Result<()> {
-    put(&visible(text))
-}
-
-/// The same of data for machines, a line each.
-fn print_json_line(value: &impl serde::Serialize) -> anyhow::Result<()> {
-    Ok(put(&serde_json::to_string(value)?)?)
-}
-
-fn put(text: &str) -> io::Result<()> {
-    let mut out = io::stdout().lock();
-    out.write_all(text.as_bytes())?;
-    out.write_all(b"\n")?;
-    out.flush()
-}
-
-/// Whether printing failed because whoever read stdout has closed it.
-fn has_read_enough(error: &io::Error) -> bool {
-    error.kind() == io::ErrorKind::BrokenPipe
-}
-
-/// What was printed, or that nobody reads on: the work that is left and the verdict are the same.
-fn heard_or_not(printed: io::Result<()>) -> io::Result<()> {
-    printed.or_else(|error| if has_read_enough(&error) { Ok(()) } else { Err(error) })
-}
-
-/// Prints data for people.
-fn say(text: &str) -> io::Result<()> {
-    heard_or_not(print(text))
-}
-
-/// Prints data for machines.
-fn say_json(value: &impl serde::Serialize) -> anyhow::Result<()> {
-    Ok(heard_or_not(put(&serde_json::to_string_pretty(value)?))?)
-}
-
-/// Tells the user something that is not data.
-macro_rules! tell {
-    ($($arg:tt)*) => {{
-        use std::io::Write;
-        // A closed stderr must not end the work.
-        let _ = writeln!(std::io::stderr(), "{}", $crate::commands::visible(&format!($($arg)*)));
-    }};
-}
-use tell;
-
-/// Tells how much of a log, or of several, was passed over; true when it was any.
-fn tell_passed_over(log: Option<&Path>, parts: u64) -> bool {
-    if parts > 0 {
-        let log = log.map(|log| format!("{}: ", log.display())).unwrap_or_default();
-        tell!("{log}{parts} damaged, broken or missing parts passed over; see `crossfall verify`");
-    }
-    parts > 0
-}
-
-/// Says that a log is being recorded, since what is `done` with it ends where the recording is now.
-fn tell_growing(logs: &[PathBuf], done: &str) {
-    for log in logs.iter().filter(|log| crossfall::log::is_being_written(log)) {
-        tell!("{}: is being recorded: what is {done} ends with its last closed chunk", log.display());
-    }
-}
-
 /// A wrong use that no single option shows: told as clap tells its own, and `main` makes the same exit status of it.
 fn usage(command: &str, what: &str) -> anyhow::Error {
     let mut all = Cli::command();
     all.build();
     all.find_subcommand(command).unwrap_or(&all).clone().error(ErrorKind::ArgumentConflict, what).into()
-}
-
-/// A parser of numbers within bounds, both included.
-fn number(low: f64, high: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
-    move |text| match text.parse() {
-        Ok(value) if (low..=high).contains(&value) => Ok(value),
-        _ => Err(format!("expected a number from {low} to {high}")),
-    }
-}
-
-/// The format of a table by its name.
-fn table_format(path: &Path) -> anyhow::Result<table::Format> {
-    let format = table::Format::of(path);
-    format.with_context(|| format!("{}: expected a name that ends in .csv, .parquet or .geojson", path.display()))
-}
-
-/// Paths, as [`distinct`] takes them.
-fn paths<'a>(all: impl IntoIterator<Item = &'a PathBuf>) -> Vec<&'a Path> {
-    all.into_iter().map(PathBuf::as_path).collect()
-}
-
-/// Refuses to write a file over one that is read, or two into one.
-fn distinct(inputs: &[&Path], outputs: &[&Path]) -> anyhow::Result<()> {
-    // A file that is not there yet is known by its folder. What is no file (`/dev/null`) takes all there is.
-    let real = |path: &Path| {
-        path.canonicalize().ok().or_else(|| Some(output::folder_of(path).canonicalize().ok()?.join(path.file_name()?)))
-    };
-    let inputs: Vec<_> = inputs.iter().filter_map(|input| real(input)).collect();
-    let mut written = Vec::new();
-    for output in outputs.iter().filter(|output| !output.exists() || output.is_file()) {
-        let Some(place) = real(output) else { continue };
-        anyhow::ensure!(!inputs.contains(&place), "{}: is read, and cannot be written as well", output.display());
-        anyhow::ensure!(!written.contains(&place), "{}: cannot be two outputs at once", output.display());
-        written.push(place);
-    }
-    Ok(())
 }

@@ -39,7 +39,8 @@ pub struct Args {
     /// The folder for the pictures; made if need be
     #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
-    /// Number of the scan (of the first log) whose section is drawn; without it one in the middle of the drive
+    /// Number of the scan (of the first log) whose section is drawn; without it the middle
+    /// one of the scans with most slopes found
     #[arg(long, value_name = "N", conflicts_with = "station")]
     scan: Option<u32>,
     /// The section nearest to this station of the first log, in metres, as the table and the

@@ -41,7 +41,7 @@ pub struct Args {
     #[arg(long, value_name = "LINE", value_parser = pulse_line)]
     pps: Option<Device>,
     /// Seconds of the drive in a second
-    #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = speed)]
+    #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = super::number(0.01, 100.0))]
     speed: f64,
     /// Do not answer as a scanner: play at once
     #[arg(long)]
@@ -109,13 +109,6 @@ fn line(played: &Played, speed: f64) -> String {
     format!(
         "{seconds:.1} s played{speed}: {lidar_bytes} bytes of the scanner, {ins_bytes} of the unit, {pulses} pulses; {mean_late_us:.0} us late in the mean, {worst_late_us} us at worst"
     )
-}
-
-fn speed(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(speed) if (0.01..=100.0).contains(&speed) => Ok(speed),
-        _ => Err("expected a number from 0.01 to 100".to_owned()),
-    }
 }
 
 /// A serial port of the link has a rate that goes without saying; a sensor's has not.

@@ -11,17 +11,17 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, anyhow, bail};
 use crossfall::interrupt;
-use crossfall::terrain::frames::Choices;
+use crossfall::terrain::frames::{self, Choices};
 use crossfall::terrain::lidar::SensorPose;
 use crossfall::terrain::map_files::{self, Cells};
 use crossfall::terrain::mapper::{Kept, Mapper};
 use crossfall::terrain::picture::{Picture, View};
 use crossfall::terrain::raster::Grid;
-use crossfall::terrain::source::Source;
+use crossfall::terrain::source::{Frame, Source};
 use crossfall_core::terrain::{FrameReport, Refusal, TerrainConfig};
 
 use super::progress::Progress;
-use super::{Outcome, drives, say, say_json, tell};
+use super::{Outcome, drives, number, say, say_json, tell};
 
 /// Elevation and driving risk maps (GeoTIFF, PNG, CSV of cells) from 3-D LiDAR frames
 #[derive(clap::Args)]
@@ -55,13 +55,13 @@ pub struct Args {
     #[arg(long, value_name = "FRAME")]
     at: Option<usize>,
     /// How far ahead the map is kept, m
-    #[arg(long, value_name = "M", default_value_t = 60.0, value_parser = range)]
+    #[arg(long, value_name = "M", default_value_t = 60.0, value_parser = number(5.0_f32, 150.0))]
     range: f32,
     /// Side of a cell, m
-    #[arg(long, value_name = "M", default_value_t = 0.1, value_parser = cell)]
+    #[arg(long, value_name = "M", default_value_t = 0.1, value_parser = number(0.05_f32, 0.5))]
     cell: f32,
     /// Radius of the wheel that takes the steps, m
-    #[arg(long, value_name = "M", default_value_t = 0.32, value_parser = wheel)]
+    #[arg(long, value_name = "M", default_value_t = 0.32, value_parser = number(0.05_f32, 2.0))]
     wheel: f32,
     /// A picture of the surroundings every so many frames, in DIR/series
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
@@ -75,23 +75,6 @@ pub struct Args {
     /// Print the summary as JSON
     #[arg(long)]
     json: bool,
-}
-
-fn bounded(text: &str, low: f32, high: f32) -> Result<f32, String> {
-    let value: f32 = text.parse().map_err(|_| format!("'{text}' is no number"))?;
-    if value >= low && value <= high { Ok(value) } else { Err(format!("must be {low} to {high}")) }
-}
-
-fn range(text: &str) -> Result<f32, String> {
-    bounded(text, 5.0, 150.0)
-}
-
-fn cell(text: &str) -> Result<f32, String> {
-    bounded(text, 0.05, 0.5)
-}
-
-fn wheel(text: &str) -> Result<f32, String> {
-    bounded(text, 0.05, 2.0)
 }
 
 /// What happened to the frames of a run.
@@ -140,7 +123,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     // Frames above a million points are thinned by nobody here: the core counts what does not fit.
     let capacity = source.largest()?.clamp(1, 1 << 20);
     let mut workshop = source.workshop(config, args.range, capacity);
-    let mut summary = Summary { map_bytes: workshop.bytes(), ..Summary::default() };
+    let summary = Summary { map_bytes: workshop.bytes(), ..Summary::default() };
     let mut mapper = workshop.open().map_err(|what| anyhow!("the map cannot be set up: {what:?}"))?;
     if args.window {
         mapper.forget_behind();
@@ -150,94 +133,107 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
     let progress = Progress::new("risk", source.frames().map_or(0, |count| count.min(last + 1)) as u64);
     let mut points = Vec::new();
-    let mut times = Vec::new();
-    let mut vehicle = None;
-    let (mut seen, mut cut) = (0, false);
-    // Time since the last frame that reached the map: frames that could not be read count as well.
-    let mut step_us = 0u32;
+    let mut run = Run { args, mapper, summary, times: Vec::new(), vehicle: None, step_us: 0, cut: false };
+    let mut seen = 0;
     while let Some((index, frame)) = source.next(&mut points) {
         if interrupt::requested() {
             bail!("interrupted");
         }
-        summary.frames += 1;
         seen = index + 1;
         progress.at(index as u64);
-        let frame = match frame {
-            Ok(frame) => frame,
-            Err(error) => {
-                tell!("frame {index}: left out: {error}");
-                step_us = step_us.saturating_add(source.step_us(index));
-                summary.refused += 1;
-                if index >= last {
-                    break;
-                }
-                continue;
-            }
-        };
-        step_us = step_us.saturating_add(frame.step_us);
-        let pose = &frame.pose;
-        let started = Instant::now();
-        let report = mapper
-            .integrate(&points, pose, step_us, &frame.boxes)
-            .with_context(|| format!("keeping the map in {}", args.output.display()))?;
-        step_us = 0;
-        let ms = started.elapsed().as_secs_f64() * 1e3;
-        summary.account(&report);
-        tell_frame(index, &report);
-        if report.refused.is_none() {
-            times.push(ms);
-            vehicle = Some(*pose);
+        match frame {
+            Ok(frame) => run.take(&frame, &points)?,
+            Err(error) => run.leave_out(index, source.step_us(index), &error),
         }
-        if args.live {
-            let counts = &report.points;
-            tell!(
-                "frame {index}: {ms:.2} ms, {} points, {} fused, {} standing, {} tiles refreshed, lift {:+.1} mm, \
-                 tilt {:+.2} {:+.2} mm/m",
-                counts.given,
-                counts.fused,
-                counts.standing,
-                report.refreshed,
-                report.alignment.lift_mm,
-                report.alignment.tilt_mm_per_m[0],
-                report.alignment.tilt_mm_per_m[1]
-            );
-        }
-        if let Some(every) = args.series
-            && index % every as usize == 0
-            && let Some(pose) = &vehicle
-        {
-            mapper.refresh();
-            draw_window(&mapper, args.range, pose, &series.join(format!("{index:06}.png")))?;
-        }
-        if let Err(large) = Grid::check(&mapper) {
-            tell!("frame {index}: the map ends here: {large}");
-            cut = true;
-            break;
-        }
-        if index >= last {
+        if run.cut || index >= last {
             break;
         }
     }
     drop(progress);
-    if let Some(wanted) = args.at.filter(|wanted| *wanted >= seen && !cut) {
+    if let Some(wanted) = args.at.filter(|wanted| *wanted >= seen && !run.cut) {
         bail!("--at {wanted}: there are {seen} frames, counted from 0");
     }
-    let Some(vehicle) = vehicle else { bail!("none of the {} frames could be used", summary.frames) };
-    mapper.refresh();
-    let losses = source.losses();
-    for loss in &losses {
-        tell!("{loss}");
+    run.finish(&source)
+}
+
+/// A map in the making.
+struct Run<'a> {
+    args: &'a Args,
+    mapper: Mapper<'a>,
+    summary: Summary,
+    /// Milliseconds of each frame that is in the map.
+    times: Vec<f64>,
+    /// The pose of the last of them.
+    vehicle: Option<SensorPose>,
+    /// Since the last frame that reached the map: frames that could not be read count as well.
+    step_us: u32,
+    /// The map has become too large to be written: it ends.
+    cut: bool,
+}
+
+impl Run<'_> {
+    /// Counts a frame that could not be read.
+    fn leave_out(&mut self, index: usize, step_us: u32, error: &frames::Error) {
+        tell!("frame {index}: left out: {error}");
+        self.step_us = self.step_us.saturating_add(step_us);
+        self.summary.frames += 1;
+        self.summary.refused += 1;
     }
-    if summary.boxes_refused > 0 {
-        tell!("{} boxes of moving objects are larger than any vehicle and were not used", summary.boxes_refused);
+
+    /// Takes a frame into the map.
+    fn take(&mut self, frame: &Frame, points: &[[f32; 4]]) -> Result<()> {
+        let (args, index) = (self.args, frame.index);
+        let step_us = std::mem::take(&mut self.step_us).saturating_add(frame.step_us);
+        let started = Instant::now();
+        let report = self
+            .mapper
+            .integrate(points, &frame.pose, step_us, &frame.boxes)
+            .with_context(|| format!("keeping the map in {}", args.output.display()))?;
+        let ms = started.elapsed().as_secs_f64() * 1e3;
+        self.summary.account(&report);
+        tell_frame(index, &report);
+        if report.refused.is_none() {
+            self.times.push(ms);
+            self.vehicle = Some(frame.pose);
+        }
+        if args.live {
+            tell_live(index, ms, &report);
+        }
+        if let Some(every) = args.series
+            && index % every as usize == 0
+            && let Some(pose) = &self.vehicle
+        {
+            self.mapper.refresh();
+            let path = args.output.join("series").join(format!("{index:06}.png"));
+            draw_window(&self.mapper, args.range, pose, &path)?;
+        }
+        if let Err(large) = Grid::check(&self.mapper) {
+            tell!("frame {index}: the map ends here: {large}");
+            self.cut = true;
+        }
+        Ok(())
     }
-    write_maps(args, &mapper, source.georeference(), &vehicle, &mut summary)?;
-    times.sort_by(f64::total_cmp);
-    summary.ms_per_frame_median = times[times.len() / 2];
-    summary.ms_per_frame_worst = times[times.len() - 1];
-    summary.print(args.json)?;
-    let lost = summary.refused > 0 || summary.points_over_capacity > 0 || summary.boxes_refused > 0;
-    Ok(Outcome::lost_if(lost || cut || !losses.is_empty()))
+
+    /// Writes the maps and says what became of the frames.
+    fn finish(self, source: &Source) -> Result<Outcome> {
+        let Self { args, mut mapper, mut summary, mut times, vehicle, cut, .. } = self;
+        let Some(vehicle) = vehicle else { bail!("none of the {} frames could be used", summary.frames) };
+        mapper.refresh();
+        let losses = source.losses();
+        for loss in &losses {
+            tell!("{loss}");
+        }
+        if summary.boxes_refused > 0 {
+            tell!("{} boxes of moving objects are larger than any vehicle and were not used", summary.boxes_refused);
+        }
+        write_maps(args, &mapper, source.georeference(), &vehicle, &mut summary)?;
+        times.sort_by(f64::total_cmp);
+        summary.ms_per_frame_median = times[times.len() / 2];
+        summary.ms_per_frame_worst = times[times.len() - 1];
+        summary.print(args.json)?;
+        let lost = summary.refused > 0 || summary.points_over_capacity > 0 || summary.boxes_refused > 0;
+        Ok(Outcome::lost_if(lost || cut || !losses.is_empty()))
+    }
 }
 
 /// The surroundings of a vehicle, most of them ahead.
@@ -282,6 +278,19 @@ fn write_maps(
     Ok(())
 }
 
+/// Says on stderr what a frame took and gave.
+fn tell_live(index: usize, ms: f64, report: &FrameReport) {
+    let (counts, [tilt_x, tilt_y]) = (&report.points, report.alignment.tilt_mm_per_m);
+    tell!(
+        "frame {index}: {ms:.2} ms, {} points, {} fused, {} standing, {} tiles refreshed, lift {:+.1} mm, tilt {tilt_x:+.2} {tilt_y:+.2} mm/m",
+        counts.given,
+        counts.fused,
+        counts.standing,
+        report.refreshed,
+        report.alignment.lift_mm
+    );
+}
+
 /// Says on stderr what was wrong with a frame.
 fn tell_frame(index: usize, report: &FrameReport) {
     let why = match report.refused {
@@ -297,6 +306,7 @@ fn tell_frame(index: usize, report: &FrameReport) {
 
 impl Summary {
     fn account(&mut self, report: &FrameReport) {
+        self.frames += 1;
         self.mapped += usize::from(report.refused.is_none());
         self.refused += usize::from(report.refused.is_some());
         self.restarts += usize::from(report.restarted);

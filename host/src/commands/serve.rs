@@ -9,13 +9,14 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::Context;
+use crossfall::live::player::MAX_SPEED;
 use crossfall::live::{Live, Logs, Source};
 use crossfall::record::Device;
 use crossfall::serve::{Access, is_token, random_token, serve};
 use crossfall_core::protocol::Config;
 
 use super::log_args::LogArgs;
-use super::{Outcome, drives, tell};
+use super::{Outcome, drives, number, tell};
 
 /// Show a drive live in the browser and control the board
 #[derive(clap::Args)]
@@ -67,7 +68,7 @@ pub struct SourceArgs {
     #[arg(short, long)]
     device: Option<Device>,
     /// Speed of a replay, times real time
-    #[arg(long, value_name = "X", default_value = "1", value_parser = speed)]
+    #[arg(long, value_name = "X", default_value = "1", value_parser = number(0.1, MAX_SPEED))]
     speed: f64,
     /// A configuration (TOML, see `crossfall config`): put in force on the board, again whenever it
     /// restarts; a replay is measured with it
@@ -92,14 +93,6 @@ impl SourceArgs {
             (None, None) => anyhow::bail!("neither a file nor a device"),
         };
         Ok(Live::start(&source, logs, self.speed, config)?)
-    }
-}
-
-fn speed(text: &str) -> Result<f64, String> {
-    let most = crossfall::live::player::MAX_SPEED;
-    match text.parse() {
-        Ok(speed) if (0.1..=most).contains(&speed) => Ok(speed),
-        _ => Err(format!("expected a number from 0.1 to {most}")),
     }
 }
 

@@ -19,7 +19,8 @@ Examples:
   crossfall verify drive.log.mcap --json
   crossfall verify drive.log.mcap drive.log.part0002.mcap")]
 pub struct Args {
-    /// The log: the first file of a recording means them all; of several, these in this order
+    /// The log. Naming the first file of a recording includes the files that follow it; if you name
+    /// several, exactly those are read, in this order
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
     /// Print the verdict for machines
