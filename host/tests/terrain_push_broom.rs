@@ -1,6 +1,8 @@
 //! The board's own drives to elevation and risk: a simulated drive between a curb and a drop of known heights, through the firmware's core into a
 //! log, and from the log into the map.
 
+use std::path::{Path, PathBuf};
+
 use crossfall::capture;
 use crossfall::log;
 use crossfall::run;
@@ -61,21 +63,21 @@ fn beside<'m>(mapper: &'m Mapper<'_>, path: &'m [SensorPose], left_m: f64) -> im
     })
 }
 
-#[test]
-fn a_drive_between_a_curb_and_a_drop_gives_their_heights_risk_and_class() {
-    let folder = tempfile::tempdir().unwrap();
-    let (capture_path, log_path) = (folder.path().join("c.mcap"), folder.path().join("l.mcap"));
-    let scene: Scene = toml::from_str(SCENE).unwrap();
+/// Simulates a scene and runs the firmware's core over it; where the log lies.
+fn drive(scene: &str, folder: &Path) -> PathBuf {
+    let (capture_path, log_path) = (folder.join("c.mcap"), folder.join("l.mcap"));
+    let scene: Scene = toml::from_str(scene).unwrap();
     let mut writer = capture::Writer::create(&capture_path).unwrap();
     simulate::simulate(&scene, &mut writer, |_| ()).unwrap();
     writer.finish().unwrap();
     let mut log = log::Writer::create(&log_path).unwrap();
     run::run(&mut capture::Reader::open(&capture_path).unwrap(), &Config::default(), &mut log, |_| ()).unwrap();
     log.finish().unwrap();
+    log_path
+}
 
-    let mut source = Source::open(&log_path, &Choices::default()).unwrap();
-    let mut workshop = source.workshop(TerrainConfig::default(), 20.0, source.largest().unwrap());
-    let mut mapper = workshop.open().unwrap();
+/// Takes every frame into the map; the poses of the frames.
+fn map(source: &mut Source, mapper: &mut Mapper<'_>) -> Vec<SensorPose> {
     let (mut points, mut path) = (Vec::new(), Vec::new());
     while let Some((index, frame)) = source.next(&mut points) {
         let frame = frame.unwrap();
@@ -84,6 +86,16 @@ fn a_drive_between_a_curb_and_a_drop_gives_their_heights_risk_and_class() {
         path.push(frame.pose);
     }
     mapper.refresh();
+    path
+}
+
+#[test]
+fn a_drive_between_a_curb_and_a_drop_gives_their_heights_risk_and_class() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut source = Source::open(&drive(SCENE, folder.path()), &Choices::default()).unwrap();
+    let mut workshop = source.workshop(TerrainConfig::default(), 20.0, source.largest().unwrap());
+    let mut mapper = workshop.open().unwrap();
+    let path = map(&mut source, &mut mapper);
     assert!(path.len() > 50, "{} frames of 9 s", path.len());
     assert!(source.georeference().is_some_and(|(_, epsg)| epsg == 32618), "{:?}", source.georeference());
     // Off the ends, where a line has no neighbours yet.
@@ -129,4 +141,103 @@ fn a_drive_between_a_curb_and_a_drop_gives_their_heights_risk_and_class() {
     let mut decoder = tiff::decoder::Decoder::new(std::fs::File::open(&file).unwrap()).unwrap();
     let keys = decoder.get_tag_u32_vec(tiff::tags::Tag::GeoKeyDirectoryTag).unwrap();
     assert!(keys.chunks(4).any(|key| key[0] == 3072 && key[3] == 32618), "{keys:?}");
+}
+
+/// A straight road 6.5 m wide at 22 m/s: the lines lie 0.6 m apart, 30 degrees askew to the cells.
+fn highway(left: &str, right: &str) -> String {
+    format!(
+        r#"
+[drive]
+seconds = 6.0
+speed_m_s = 22.0
+azimuth_deg = 30.0
+track = []
+
+[sections]
+mode = "stations"
+interpolation = "linear"
+
+[[sections.station]]
+at_m = 0.0
+height_m = 2.5
+cross_slope_deg = 1.0
+left = {{ edge_m = 3.0, {left} }}
+right = {{ edge_m = 3.5, {right} }}
+"#
+    )
+}
+
+/// Places 0.3 m apart on the way, off the ends.
+fn every_third_of_a_metre(path: &[SensorPose]) -> Vec<SensorPose> {
+    let between = |pair: &[SensorPose]| {
+        let [from, to] = [pair[0].position, pair[1].position];
+        let parts = (0..8).map(|part| f64::from(part) / 8.0);
+        let place = |part| [0, 1, 2].map(|axis| from[axis] + part * (to[axis] - from[axis]));
+        parts.map(|part| SensorPose { position: place(part), ..pair[0] }).collect::<Vec<_>>()
+    };
+    path[3..path.len() - 3].windows(2).flat_map(between).collect()
+}
+
+/// Cells between two distances to the left, and the risky ones among them.
+fn risky(mapper: &Mapper<'_>, path: &[SensorPose], [from_m, to_m]: [f64; 2]) -> [usize; 2] {
+    let lines = ((to_m - from_m) * 10.0).round() as i32;
+    (0..=lines).fold([0; 2], |[cells, risky], line| {
+        let line: Vec<Cell> = beside(mapper, path, from_m + 0.1 * f64::from(line)).map(|(cell, _)| cell).collect();
+        [cells + line.len(), risky + line.iter().filter(|cell| cell.risk >= SLOW).count()]
+    })
+}
+
+#[test]
+fn side_slopes_of_8_degrees_passed_at_22_m_s_are_as_free_as_the_road_and_their_hinges_no_steps() {
+    let folder = tempfile::tempdir().unwrap();
+    let beyond = "adjacent_length_m = 5.0, ditch_m = 2.0, opposing_slope_deg = 5.0, opposing_length_m = 3.0";
+    // The left falls away from the road, the right rises.
+    let scene =
+        highway(&format!("adjacent_slope_deg = -8.0, {beyond}"), &format!("adjacent_slope_deg = 8.0, {beyond}"));
+    let mut source = Source::open(&drive(&scene, folder.path()), &Choices::default()).unwrap();
+    let mut workshop = source.workshop(TerrainConfig::default(), 20.0, source.largest().unwrap());
+    let mut mapper = workshop.open().unwrap();
+    let path = every_third_of_a_metre(&map(&mut source, &mut mapper));
+    for (what, across, least, per_thousand) in [
+        ("road", [-3.0, 2.5], 15_000, 1),
+        ("slope that falls", [3.5, 7.5], 9_000, 1),
+        ("slope that rises", [-8.0, -4.0], 12_000, 1),
+        ("hinge on the left", [2.6, 3.4], 2_500, 10),
+        ("hinge on the right", [-3.9, -3.1], 2_500, 10),
+        ("foot of what falls", [7.6, 8.4], 1_500, 10),
+        ("top of what rises", [-8.9, -8.1], 2_000, 10),
+    ] {
+        let [cells, risky] = risky(&mapper, &path, across);
+        assert!(cells >= least && risky * 1000 <= cells * per_thousand, "{what}: {risky} of {cells} risky");
+    }
+}
+
+#[test]
+fn a_curb_and_a_drop_passed_at_22_m_s_are_risky_all_along() {
+    let folder = tempfile::tempdir().unwrap();
+    let beyond = "ditch_m = 3.0, opposing_slope_deg = 5.0, opposing_length_m = 4.0";
+    let scene = highway(
+        &format!("adjacent_slope_deg = 60.0, adjacent_length_m = 0.0693, {beyond}"),
+        &format!("adjacent_slope_deg = -60.0, adjacent_length_m = 0.0577, {beyond}"),
+    );
+    let mut source = Source::open(&drive(&scene, folder.path()), &Choices::default()).unwrap();
+    let mut workshop = source.workshop(TerrainConfig::default(), 20.0, source.largest().unwrap());
+    let mut mapper = workshop.open().unwrap();
+    let path = every_third_of_a_metre(&map(&mut source, &mut mapper));
+    // Of the drop's foot the scanner sees less, as the edge hides it.
+    for (step_m, class, told_percent) in [(CURB_M, Class::Curb, 90), (DROP_M, Class::Drop, 60)] {
+        let lines: Vec<Vec<Cell>> = (-2..=2)
+            .map(|by| beside(&mapper, &path, step_m + 0.1 * f64::from(by)).map(|(cell, _)| cell).collect())
+            .collect();
+        let count = lines.iter().map(Vec::len).min().unwrap();
+        let places =
+            |is: &dyn Fn(&Cell) -> bool| (0..count).filter(|at| lines.iter().any(|line| is(&line[*at]))).count();
+        let (risky, told) = (places(&|cell| cell.risk >= SLOW), places(&|cell| cell.class == class));
+        assert!(count >= 250 && risky * 100 >= count * 95, "{step_m} m left: {risky} of {count} risky");
+        assert!(told * 100 >= count * told_percent, "{step_m} m left: {told} of {count} told a {}", class.name());
+    }
+    for across in [[-3.0, 2.5], [3.5, 5.5], [-6.0, -4.0]] {
+        let [cells, risky] = risky(&mapper, &path, across);
+        assert!(cells >= 2_000 && risky * 1000 <= cells, "{across:?} m left: {risky} of {cells} risky");
+    }
 }

@@ -11,11 +11,12 @@ use super::classify::{Outlook, classify};
 use super::config::TerrainConfig;
 use super::geometry::{Pose, Step, Track};
 use super::marks::{Board, Lies, Marks, Tall};
+use super::plane;
 use super::project::{PointCounts, Projection, Sample, Targets, project};
 use super::relief::{Patch, Relief};
-use super::risk::RiskTable;
+use super::risk::{RiskTable, SLOW};
 use super::sight::{RangeImage, RangePixels};
-use super::slope::{measure, pool};
+use super::slope::{Tried, measure, pool};
 use super::standing::{forget_ages, look_through, raise};
 use super::tile::{Margins, TALL_CERTAIN, TILE_CELLS, TILE_SIDE, Tile, TileKey, UNITS_PER_M, Update, margin_table};
 use super::vectors::{AsBuilt, Vectors};
@@ -23,6 +24,9 @@ use super::window::{Neighbours, Window};
 
 /// Beyond this, 20 m, a tile's risk is told half as often: at any speed there is time for it, and most tiles lie there.
 const FAR_UM: i64 = 20_000_000;
+
+/// The tiles whose gradients may explain a tile's heights.
+const BESIDE: [(i32, i32); 4] = [(-1, 0), (1, 0), (0, -1), (0, 1)];
 
 /// Storage that the caller lends.
 pub struct Storage<'a> {
@@ -355,7 +359,7 @@ impl<'a, V: Vectors> TerrainMap<'a, V> {
         let leaves = move |key: TileKey| {
             key.x.wrapping_sub(origin.x) as u32 >= side || key.y.wrapping_sub(origin.y) as u32 >= side
         };
-        self.refresh((0, 1), |_, tile| tile.dirty && leaves(tile.key));
+        self.refresh((0, 1), |_, tile| tile.is_stale() && leaves(tile.key));
         for slot in 0..self.window.tiles.len() {
             if self.window.tiles.get(slot).is_some_and(|tile| leaves(tile.key)) {
                 self.classify_slot(slot);
@@ -436,7 +440,7 @@ impl<'a, V: Vectors> TerrainMap<'a, V> {
         move |slot, tile| {
             let far = tile.key.x.abs_diff(here.x).max(tile.key.y.abs_diff(here.y)) > near;
             let every = if far { 2 * every } else { every };
-            tile.dirty && (slot as u32).wrapping_add(frame).checked_rem(every) == Some(0)
+            tile.is_stale() && (slot as u32).wrapping_add(frame).checked_rem(every) == Some(0)
         }
     }
 
@@ -444,10 +448,14 @@ impl<'a, V: Vectors> TerrainMap<'a, V> {
     fn refresh(&mut self, (first, step): (u32, u32), due: impl Fn(usize, &Tile) -> bool) -> u32 {
         let unit = self.unit;
         let (first, step) = (first as usize, (step as usize).max(1));
-        let review = (!self.config.push_broom).then(|| self.stamp());
+        let push_broom = self.config.push_broom;
+        let review = (!push_broom).then(|| self.stamp());
         for (slot, tile) in self.window.tiles.iter_mut().enumerate().skip(first).step_by(step) {
             if due(slot, tile) {
                 unit.run(|| measure(tile, review));
+                if push_broom {
+                    plane::fit(tile);
+                }
             }
         }
         let mut refreshed = 0;
@@ -462,19 +470,34 @@ impl<'a, V: Vectors> TerrainMap<'a, V> {
             let rise = pool(&self.window, &around, tile.key);
             let told = match rise {
                 Some(rise) if unit.run(|| patch.gather(&around)) => {
-                    relief_on_slopes(&mut patch, &around, rise, &mut relief, unit);
+                    relief_on_slopes(&mut patch, &around, rise, push_broom, &mut relief, unit);
                     true
                 }
                 _ => false,
             };
             if let Some(tile) = self.window.tiles.get_mut(slot) {
-                tile.dirty = false;
+                let brings_plane = tile.dirty && tile.plane.is_some();
+                (tile.dirty, tile.tell_again) = (false, false);
                 tile.rise = rise.unwrap_or(tile.rise);
                 store(tile, told.then_some(&relief), &self.table, unit);
                 refreshed += 1;
+                if brings_plane {
+                    let key = tile.key;
+                    self.tell_again_beside(key);
+                }
             }
         }
         refreshed
+    }
+
+    /// Risky tiles beside one are told again: its plane, which they may not have known, may explain them.
+    fn tell_again_beside(&mut self, key: TileKey) {
+        for (dx, dy) in BESIDE {
+            let beside = TileKey { x: key.x.wrapping_add(dx), y: key.y.wrapping_add(dy) };
+            if let Some(tile) = self.window.tile_mut(beside) {
+                tile.tell_again |= tile.in_use && tile.risk.iter().any(|risk| *risk >= SLOW);
+            }
+        }
     }
 
     fn classify_slot(&mut self, slot: usize) {
@@ -524,11 +547,13 @@ fn fuse<'s>(tiles: &mut [Tile], samples: impl Iterator<Item = &'s Sample>, by: &
 }
 
 /// Relief under the tile's gradient, or under a neighbour's where that explains the heights better: where a ramp
-/// begins, half of a tile lies on one slope and half on the other, and neither is a step.
+/// begins, half of a tile lies on one slope and half on the other, and neither is a step. In a push broom's map, where the relief reaches over half a
+/// metre to the next line, also under gradients between two of these: across the hinge of a slope each of both is off on one side.
 fn relief_on_slopes(
     patch: &mut Patch,
     around: &Neighbours<'_>,
     rise: [i16; 2],
+    push_broom: bool,
     relief: &mut Relief,
     unit: impl Vectors,
 ) {
@@ -537,22 +562,22 @@ fn relief_on_slopes(
         return;
     }
     let mut again = [[0; TILE_SIDE]; TILE_SIDE];
-    let mut tried = [rise; 3];
-    let mut count = 1;
-    for (dx, dy) in [(-1, 0), (1, 0), (0, -1), (0, 1)] {
-        let Some(other) = around.tile(dx, dy).filter(|tile| tile.known >= 12) else { continue };
-        // Gradients that differ by less than 2.5 % (40 units over 0.4 m) are the same.
-        let fresh = tried
-            .iter()
-            .take(count)
-            .all(|held| held.iter().zip(other.rise).any(|(a, b)| a.saturating_sub(b).unsigned_abs() > 40));
-        let Some(entry) = tried.get_mut(count).filter(|_| fresh) else { continue };
-        *entry = other.rise;
-        count += 1;
-        unit.run(|| patch.relief(other.rise, &mut again));
-        for (held, new) in relief.as_flattened_mut().iter_mut().zip(again.as_flattened()) {
-            *held = (*held).min(*new);
+    let mut tried = Tried::first(rise);
+    let mut try_also = |tried: &mut Tried<8>, rise, most| {
+        if tried.add(rise, most) {
+            unit.run(|| patch.relief(rise, &mut again));
+            for (held, new) in relief.as_flattened_mut().iter_mut().zip(again.as_flattened()) {
+                *held = (*held).min(*new);
+            }
         }
+    };
+    for (dx, dy) in BESIDE {
+        if let Some(other) = around.tile(dx, dy).filter(|tile| tile.known >= 12 || tile.plane.is_some()) {
+            try_also(&mut tried, other.plane.unwrap_or(other.rise), if push_broom { 5 } else { 3 });
+        }
+    }
+    for between in tried.between().into_iter().filter(|_| push_broom).flatten() {
+        try_also(&mut tried, between, 8);
     }
 }
 

@@ -18,6 +18,7 @@ mod config;
 mod geometry;
 mod map;
 mod marks;
+mod plane;
 mod project;
 mod relief;
 mod risk;

@@ -2,6 +2,9 @@
 //!
 //! A median passes over curbs and bumps that a least-squares plane would lean on, so that nothing leaks beside them.
 //! Each tile's medians are pooled over its 3 x 3 neighbourhood, weighted by their pairs.
+//!
+//! In a push broom's map lines of points lie as far apart as the vehicle drives between two of them, 0.6 m on a highway, and run askew to the cells:
+//! hardly two known cells lie in one row 0.4 m apart. There a tile's gradient is that of a [plane](super::plane) through most of its cells.
 
 use super::tile::{TILE_CELLS, TILE_SIDE, Tile, TileKey};
 use super::window::{Neighbours, Window};
@@ -9,7 +12,7 @@ use super::window::{Neighbours, Window};
 /// Cells between the two ends of a difference.
 const SPAN: usize = 4;
 /// A rise of more than this over four cells is no road: 45 %, 0.18 m.
-const STEEPEST: i16 = 720;
+pub(super) const STEEPEST: i16 = 720;
 /// Marks a difference of which an end is unknown; above any real one.
 const NONE: i16 = i16::MAX;
 /// Pairs from which a tile's median counts as one.
@@ -306,8 +309,11 @@ fn weight_at_most(values: &Rises, weights: &Rises, bound: i16) -> u16 {
     sum as u16
 }
 
-/// Pools the medians of a tile's neighbourhood: none where nothing around is known well enough.
+/// The gradient of a tile's plane, else the pooled medians of its neighbourhood: none where nothing around is known well enough.
 pub(crate) fn pool(window: &Window<'_>, around: &Neighbours<'_>, key: TileKey) -> Option<[i16; 2]> {
+    if let Some(plane) = around.tile(0, 0).and_then(|tile| tile.plane) {
+        return Some(plane);
+    }
     let mut near = Votes::<16>::NONE;
     for (place, tile) in around.iter().enumerate() {
         if let Some(tile) = tile {
@@ -340,6 +346,38 @@ fn pool_wide(window: &Window<'_>, key: TileKey, near: [Option<i16>; 2]) -> Optio
     Some(out)
 }
 
+/// Gradients under which a tile's relief was looked at.
+pub(crate) struct Tried<const N: usize> {
+    rises: [[i16; 2]; N],
+    count: usize,
+}
+
+impl<const N: usize> Tried<N> {
+    pub(crate) fn first(rise: [i16; 2]) -> Self {
+        Self { rises: [rise; N], count: 1 }
+    }
+
+    /// Whether a gradient is another than those before, and there is room for it among the first `most`: it is then one of them.
+    pub(crate) fn add(&mut self, rise: [i16; 2], most: usize) -> bool {
+        // Gradients that differ by less than 2.5 % (40 units over 0.4 m) are the same.
+        let differs = |held: &[i16; 2]| held.iter().zip(rise).any(|(a, b)| a.saturating_sub(b).unsigned_abs() > 40);
+        let fresh = self.rises.iter().take(self.count).all(differs);
+        let Some(entry) = self.rises.get_mut(self.count).filter(|_| fresh && self.count < most) else { return false };
+        *entry = rise;
+        self.count += 1;
+        true
+    }
+
+    /// Halfway between each two of the first three.
+    pub(crate) fn between(&self) -> [Option<[i16; 2]>; 3] {
+        let held = |at: usize| self.rises.get(at).filter(|_| at < self.count);
+        [(0, 1), (0, 2), (1, 2)].map(|(a, b)| {
+            let ([ax, ay], [bx, by]) = (held(a)?, held(b)?);
+            Some([ax.midpoint(*bx), ay.midpoint(*by)])
+        })
+    }
+}
+
 /// Rises of up to `N` tiles along both axes, and what each weighs: nothing where there is no tile, or none with pairs.
 struct Votes<const N: usize> {
     rise: [[i16; N]; 2],
@@ -368,15 +406,19 @@ impl<const N: usize> Votes<N> {
     fn take_if_any(&mut self, tile: &Tile) {
         let place = self.used;
         self.take(place, tile, 1);
-        self.used = place + usize::from(tile.pairs != [0; 2]);
+        self.used = place + usize::from(tile.plane.is_some() || tile.pairs != [0; 2]);
     }
 
     #[inline(always)]
     fn take(&mut self, place: usize, tile: &Tile, times: i16) {
+        let (rises, pairs) = match tile.plane {
+            Some(plane) => (plane, [MOST as u8; 2]),
+            None => (tile.own_rise, tile.pairs),
+        };
         for axis in 0..2 {
             if let (Some(rise), Some(weight)) = (self.rise[axis].get_mut(place), self.weight[axis].get_mut(place)) {
-                *rise = tile.own_rise[axis];
-                *weight = i16::from(tile.pairs[axis]) * times;
+                *rise = rises[axis];
+                *weight = i16::from(pairs[axis]) * times;
             }
         }
         self.used = place + 1;

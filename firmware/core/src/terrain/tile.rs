@@ -112,10 +112,14 @@ pub struct Tile {
     /// Median rise over four cells towards x and y within this tile, and the pairs behind each.
     pub(crate) own_rise: [i16; 2],
     pub(crate) pairs: [u8; 2],
-    /// The same pooled over the neighbourhood: what the differentiation takes out.
+    /// Rises over four cells of the plane that most of the tile's known cells lie on, if there is one. Only in a push broom's map.
+    pub(crate) plane: Option<[i16; 2]>,
+    /// The plane's, or the medians pooled over the neighbourhood: what the differentiation takes out.
     pub(crate) rise: [i16; 2],
     pub(crate) in_use: bool,
     pub(crate) dirty: bool,
+    /// Risky, and a tile beside it has found its plane since. Only in a push broom's map.
+    pub(crate) tell_again: bool,
     pub(crate) has_tall: bool,
     /// How often first impressions have been reviewed.
     pub(crate) reviewed: u8,
@@ -141,9 +145,11 @@ impl Tile {
         surveyed: 0,
         own_rise: [0; 2],
         pairs: [0; 2],
+        plane: None,
         rise: [0; 2],
         in_use: false,
         dirty: false,
+        tell_again: false,
         has_tall: false,
         reviewed: 0,
         unclassified: false,
@@ -154,6 +160,12 @@ impl Tile {
         risk: [0; TILE_CELLS],
         class: [0; TILE_CELLS],
     };
+
+    /// Whether risk is to be told anew.
+    #[inline(always)]
+    pub(crate) fn is_stale(&self) -> bool {
+        self.dirty | self.tell_again
+    }
 
     /// Forgets everything and takes a place.
     pub(crate) fn restart(&mut self, key: TileKey) {
