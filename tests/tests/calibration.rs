@@ -79,6 +79,22 @@ fn the_offset_is_as_good_as_the_unit_is_steady() {
 }
 
 #[test]
+fn a_scanner_that_looks_the_other_way_round_is_told_apart_from_data_that_say_nothing() {
+    let scratch = tempfile::tempdir().expect("a scratch folder");
+    let mut scene = rock_test(6);
+    scene.scanner.mirrored = true;
+    let wrong = calibrated(&scene, scratch.path());
+    assert!(!wrong.delay_determined && !wrong.offset_determined, "{wrong:#?}");
+    assert!(wrong.remarks.iter().any(|remark| remark.contains("twice the vehicle's roll")), "{:?}", wrong.remarks);
+    assert!(!wrong.remarks.iter().any(|remark| remark.contains("park")), "{:?}", wrong.remarks);
+    let mut told = Config::default();
+    told.scanner.mirrored = true;
+    let drive = logged(&scene, &told, scratch.path());
+    let right = calibrate::estimate(&drive, Surface::Assumed).expect("an estimate").0;
+    assert!(right.delay_determined && (right.roll_offset_deg - OFFSET_DEG).abs() < 0.05, "{right:#?}");
+}
+
+#[test]
 fn a_second_calibration_finds_nothing_more() {
     let scratch = tempfile::tempdir().expect("a scratch folder");
     let scene = rock_test(5);

@@ -39,7 +39,8 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
     let (mut delay_us, fit) = follow_delay(drive, &ground, &before)?;
     let by_arrival = before.iter().filter(|point| point.flags & flags::TIME_BY_ARRIVAL != 0).count();
     let timed = by_arrival * 2 <= before.len();
-    let delay_determined = timed && fit.slope_se <= MAX_DELAY_SE_US;
+    let reversed = is_reversed(&before);
+    let delay_determined = timed && !reversed && fit.slope_se <= MAX_DELAY_SE_US;
     if !delay_determined {
         delay_us = start_us;
     }
@@ -52,10 +53,11 @@ pub fn estimate(drive: &Drive, surface: Surface) -> Result<(Estimate, Vec<Sample
     let offset_se_deg = level.se_deg.hypot(prior.se_deg);
     let rate = rms(after.iter().map(|point| point.rate_deg_us * 1e6));
     let mut remarks = vec![prior.remark];
-    let delay_remark = (!delay_determined).then(|| refused_delay(timed, &fit, rate, &after));
+    let delay_remark = (!delay_determined)
+        .then(|| if reversed { REVERSED.to_owned() } else { refused_delay(timed, &fit, rate, &after) });
     remarks.extend(delay_remark.clone());
-    let offset_determined = offset_se_deg <= MAX_OFFSET_SE_DEG;
-    if !offset_determined {
+    let offset_determined = !reversed && offset_se_deg <= MAX_OFFSET_SE_DEG;
+    if !offset_determined && !reversed {
         remarks.push(offset_remark(offset_se_deg, "park on level ground, or give the cross slope"));
     }
     let mut left_out = drive.left_out.clone();
@@ -150,6 +152,26 @@ fn prior(surface: Surface, stood: Option<bool>) -> Prior {
             Prior { slope_deg: 0.0, se_deg: ROAD_PRIOR_DEG, remark }
         }
     }
+}
+
+/// What is said when roll was added to the ground instead of taken out of it.
+const REVERSED: &str = "the ground moves with twice the vehicle's roll: the scanner looks the other way round than `scanner.mirrored` says, or the \
+                        unit's roll has the other sign; change it in the configuration, and run the drive again";
+
+/// Less roll than this, in degrees (standard deviation), does not show in which direction it was taken.
+const LEAST_ROLL_DEG: f64 = 0.1;
+
+/// Whether the levelled ground follows the roll at twice its size, one way or the other, as it does where the roll's sign is wrong.
+fn is_reversed(points: &[Residual]) -> bool {
+    let count = points.len().max(1) as f64;
+    let mean = |of: fn(&Residual) -> f64| points.iter().map(of).sum::<f64>() / count;
+    let (roll, slope) = (mean(|point| point.roll_deg), mean(|point| point.slope_deg));
+    let (mut both, mut square) = (0.0, 0.0);
+    for point in points {
+        both += (point.roll_deg - roll) * (point.slope_deg - slope);
+        square += (point.roll_deg - roll).powi(2);
+    }
+    (square / count).sqrt() >= LEAST_ROLL_DEG && ((both / square).abs() - 2.0).abs() < 0.2
 }
 
 /// What is said of an offset that is refused.
