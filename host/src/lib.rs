@@ -71,56 +71,69 @@
 //! [`walk::Walk`] for each profile with the scan and the pose that it was made from.
 #![forbid(unsafe_code)]
 
-pub mod accuracy;
-pub mod calendar;
-pub mod calibrate;
+// Files: what is read and written, whole or damaged.
 pub mod capture;
-pub mod cloud;
-pub mod compare;
-pub mod config;
-pub mod contained;
 pub mod container;
-pub mod counters;
-pub mod dataset;
-pub mod drive;
-pub mod emulated;
-pub mod export;
-pub mod faults;
-pub mod fuse;
-pub mod geodesy;
-pub mod import;
-pub mod info;
-pub mod interrupt;
-pub mod intervals;
-pub mod leap;
-pub mod live;
 pub mod log;
-pub mod monitor;
 pub mod output;
-pub mod plot;
-pub mod profiles;
-pub mod record;
 mod recorded;
 pub mod recover;
+pub mod stream;
+pub mod toml_file;
+
+// From a board and to it.
+pub mod board_words;
+pub mod config;
+pub mod emulated;
+pub mod import;
+pub mod live;
+pub mod monitor;
+pub mod record;
 pub mod replay;
-pub mod report;
-pub mod reproduce;
 pub mod run;
 pub mod scanner;
-pub mod section;
+mod sensor_line;
 pub mod serve;
-pub mod side;
-pub mod simulate;
-mod span;
-pub mod statistics;
-pub mod stream;
-pub mod table;
-pub mod terrain;
-pub mod toml_file;
-pub mod track;
-pub mod units;
+
+// Proof, and what is lost.
+pub mod counters;
+pub mod faults;
+pub mod info;
+pub mod interrupt;
+pub mod unwinding;
 pub mod verify;
-pub mod walk;
+
+// Where and when.
+pub mod calendar;
+pub mod geodesy;
+pub mod leap;
+mod span;
+pub mod track;
 pub mod way;
-mod wire;
-pub mod words;
+
+// One scan, one profile, and what all of it reckons with.
+pub mod section;
+pub mod side;
+pub mod statistics;
+pub mod units;
+pub mod walk;
+
+// Results: tables, reports, pictures, clouds.
+pub mod cloud;
+pub mod dataset;
+pub mod drive;
+pub mod export;
+pub mod fuse;
+pub mod intervals;
+pub mod plot;
+pub mod profiles;
+pub mod report;
+pub mod table;
+
+// Experiments.
+pub mod accuracy;
+pub mod calibrate;
+pub mod compare;
+pub mod reproduce;
+pub mod simulate;
+pub mod terrain;

@@ -17,7 +17,7 @@ fn main() -> ExitCode {
     // A panic is a defect of this program; the user gets a line and not a trace. RUST_BACKTRACE brings the trace back.
     if std::env::var_os("RUST_BACKTRACE").is_none() {
         std::panic::set_hook(Box::new(|info| {
-            if !crossfall::contained::is_contained() {
+            if !crossfall::unwinding::is_contained() {
                 complain(&format!("internal error, please report it: {info}"));
             }
         }));

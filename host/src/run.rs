@@ -16,7 +16,7 @@ use crossfall_core::sensors::{Scanner, cola};
 use crate::capture::{self, Channel, Chunk};
 use crate::log::metadata;
 use crate::scanner::{self, Family};
-use crate::wire::Wire;
+use crate::sensor_line::Wire;
 use crate::{container, log, output};
 
 /// Bytes that may wait for their turn: capture chunks that claim to overlap by more are taken as they come.

@@ -11,7 +11,7 @@ use crossfall::container::Error;
 use crossfall::drive::Drive;
 use crossfall::table::Format;
 use crossfall::{
-    calibrate, cloud, compare, dataset, export, info, interrupt, log, output, recover, section, verify, words,
+    board_words, calibrate, cloud, compare, dataset, export, info, interrupt, log, output, recover, section, verify,
 };
 use program::crossfall;
 
@@ -41,7 +41,7 @@ fn every_reader_of_logs_stops_when_it_is_asked_to() {
     stopped("calibrate", calibrate::read(path).err().map(|e| text(&e)));
     stopped("compare", compare::Drive::read(path).err().map(|e| text(&e)));
     stopped("info", info::look(path).err().map(|e| text(&e)));
-    stopped("messages", words::read::<Error>(path, None, |_| Ok(())).err().map(|e| text(&e)));
+    stopped("messages", board_words::read::<Error>(path, None, |_| Ok(())).err().map(|e| text(&e)));
     stopped("report", Drive::read(path, |_| ()).err().map(|e| text(&e)));
     stopped("plot", section::of_scan(path, 3).err().map(|e| text(&e)));
     stopped("view", cloud::Stretch::read(path, 0.0, 9.0).err().map(|e| text(&e)));

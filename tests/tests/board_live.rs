@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use crossfall::live::{Live, Source};
 use crossfall::serve::Access;
 use crossfall::stream::{Item, Stream};
-use crossfall::{config, verify, words};
+use crossfall::{board_words, config, verify};
 use crossfall_core::protocol::Config;
 use crossfall_core::protocol::message::Message;
 use crossfall_tests::emulator::{Image, image};
@@ -103,7 +103,7 @@ fn a_drive_on_the_emulated_board_is_steered_from_the_page_and_verifies() {
     }
     assert!(markers == 1 && configured, "{markers} markers, configured: {configured}");
     let mut said = Vec::new();
-    words::read(&path, None, |line| -> Result<(), crossfall::container::Error> {
+    board_words::read(&path, None, |line| -> Result<(), crossfall::container::Error> {
         said.push(line.text);
         Ok(())
     })

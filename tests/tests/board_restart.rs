@@ -3,7 +3,7 @@
 
 use std::time::{Duration, Instant};
 
-use crossfall::{log, words};
+use crossfall::{board_words, log};
 use crossfall_core::protocol::message::Message;
 use crossfall_tests::emulator::{Emulator, Failure, Image, Options, image};
 
@@ -54,23 +54,23 @@ fn bench_messages_are_read_against_the_image() {
     }
     writer.finish().expect("a whole log");
 
-    let read = |table: Option<&words::Table>| {
+    let read = |table: Option<&board_words::Table>| {
         let mut lines = Vec::new();
-        let untold = words::read(&log_path, table, |line| -> Result<(), crossfall::container::Error> {
+        let untold = board_words::read(&log_path, table, |line| -> Result<(), crossfall::container::Error> {
             lines.push(line);
             Ok(())
         });
         (lines, untold.expect("a readable log"))
     };
-    let table = words::table(&path).expect("an image");
+    let table = board_words::table(&path).expect("an image");
     let (lines, untold) = read(Some(&table));
     println!("{lines:#?}");
-    assert_eq!(untold, words::Untold::default());
+    assert_eq!(untold, board_words::Untold::default());
     let bench: Vec<_> = lines.iter().filter(|line| line.defmt).map(|line| (line.level, line.text.as_str())).collect();
     assert_eq!(bench, [("info", "crossfall 0.1.0 survey 1 on olimex-stm32-h405, boot 1, Emulated")]);
     let (lines, untold) = read(None);
     assert!(lines.iter().all(|line| !line.defmt) && untold.defmt_bytes > 40, "{untold:?}");
-    assert!(words::table(&log_path).is_err());
+    assert!(board_words::table(&log_path).is_err());
 
     // The same message has come over the bench wire.
     let mut decoder = table.new_stream_decoder();

@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-use crossfall::words;
+use crossfall::board_words;
 
 use super::{Outcome, drives, has_read_enough, print, print_json_line, tell};
 
@@ -26,10 +26,10 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    let table = args.image.as_deref().map(words::table).transpose()?;
+    let table = args.image.as_deref().map(board_words::table).transpose()?;
     drives::of(std::slice::from_ref(&args.log));
     let mut lines = 0_u64;
-    let untold = words::read(&args.log, table.as_ref(), |line| -> anyhow::Result<()> {
+    let untold = board_words::read(&args.log, table.as_ref(), |line| -> anyhow::Result<()> {
         lines += 1;
         if args.json {
             return print_json_line(&line);

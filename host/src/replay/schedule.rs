@@ -7,7 +7,7 @@ use crossfall_core::protocol::Config;
 use super::{MAX_WAITING, PIECE_NS, due};
 use crate::capture::Chunk;
 use crate::container;
-use crate::wire::Wire;
+use crate::sensor_line::Wire;
 
 /// What is due.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -10,7 +10,7 @@ use std::path::Path;
 use las::Reader;
 
 use super::frames::{Error, MOST_POINTS};
-use crate::contained::contained;
+use crate::unwinding::contained;
 
 /// Bytes of points that are read at once.
 const PART: u64 = 4 << 20;
