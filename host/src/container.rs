@@ -352,7 +352,18 @@ impl Container {
         let room = self.size - offset - HEAD;
         if opcode == op::FOOTER && length == FOOTER && room >= FOOTER {
             self.closed = true;
-            return None;
+            self.position = offset + HEAD + FOOTER;
+            // The closing mark, or what a cut has left of it; and nothing more.
+            let end = match self.bytes(self.position, mcap::MAGIC.len() + 1) {
+                Ok(end) => end,
+                Err(error) => return Some(Err(error)),
+            };
+            if mcap::MAGIC.starts_with(&end) {
+                return None;
+            }
+            let behind = room - FOOTER;
+            let what = format!("{behind} bytes behind the closing records, expected 8 that end the file");
+            return Some(Err(self.damaged(self.position, what)));
         }
         if opcode == op::FOOTER || (length > room && opcode != op::CHUNK) {
             self.closed = true;

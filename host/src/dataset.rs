@@ -65,10 +65,14 @@ pub struct Written {
 
 /// What a table is to be like.
 #[derive(Clone, Copy)]
-struct Wanted<'a> {
+struct Wanted {
     every: Option<Every>,
     format: Format,
-    notes: &'a [Note],
+}
+
+/// What is noted with a table of rows that have said nothing of note.
+fn nothing<T>(_: &T) -> Vec<Note> {
+    Vec::new()
 }
 
 /// Writes one log's table, whole or not at all. `progress` is told how far the log has been read, in bytes.
@@ -84,12 +88,22 @@ pub fn write(
     to: &Path,
     progress: impl FnMut(u64) + Send,
 ) -> Result<Written, Error> {
-    write_as(log, Wanted { every, format, notes: &[] }, to, progress)
+    write_noted(log, Wanted { every, format }, to, progress, |_| Vec::new())
 }
 
-fn write_as(log: &Path, wanted: Wanted<'_>, to: &Path, progress: impl FnMut(u64) + Send) -> Result<Written, Error> {
+/// `notes` is told the damage passed.
+fn write_noted(
+    log: &Path,
+    wanted: Wanted,
+    to: &Path,
+    progress: impl FnMut(u64) + Send,
+    notes: impl FnOnce(u64) -> Vec<Note>,
+) -> Result<Written, Error> {
     let rows = Rows::open(log)?;
-    let (written, damage) = write_made(wanted, to, |sink| Ok(read(rows, progress, sink)))?;
+    let read = |sink: &mut RowSink| Ok(read(rows, progress, sink));
+    let notes =
+        |read: &Result<u64, container::Error>| read.as_ref().map_or_else(|_| Vec::new(), |damage| notes(*damage));
+    let (written, damage) = write_made(wanted, to, read, notes)?;
     Ok(Written { damage, ..written })
 }
 
@@ -103,16 +117,17 @@ pub fn write_from<T: Send>(
     to: &Path,
     make: impl FnOnce(&mut RowSink) -> Result<T, container::Error> + Send,
 ) -> Result<(Written, T), Error> {
-    write_made(Wanted { every, format, notes: &[] }, to, make)
+    write_made(Wanted { every, format }, to, make, nothing)
 }
 
 fn write_made<T: Send>(
-    wanted: Wanted<'_>,
+    wanted: Wanted,
     to: &Path,
     make: impl FnOnce(&mut RowSink) -> Result<T, container::Error> + Send,
+    notes: impl FnOnce(&Result<T, container::Error>) -> Vec<Note>,
 ) -> Result<(Written, T), Error> {
     let output = Output::create(to)?;
-    let (output, written, made) = tabulate(wanted, output, make).map_err(|error| match error {
+    let (output, written, made) = tabulate(wanted, output, make, notes).map_err(|error| match error {
         Stopped::Table(source) => Error::Table { path: to.to_path_buf(), source },
         Stopped::Interrupted => container::Error::Interrupted.into(),
     })?;
@@ -143,8 +158,7 @@ pub fn stream<W: io::Write + Send>(
     out: W,
     progress: impl FnMut(u64) + Send,
 ) -> Result<(W, Written), Stopped> {
-    let wanted = Wanted { every, format, notes: &[] };
-    let (out, written, damage) = tabulate(wanted, out, |sink| read(rows, progress, sink))?;
+    let (out, written, damage) = tabulate(Wanted { every, format }, out, |sink| read(rows, progress, sink), nothing)?;
     Ok((out, Written { damage, ..written }))
 }
 
@@ -187,25 +201,26 @@ impl RowSink {
     }
 }
 
-/// Writes a table of the rows that `make` pushes on a thread of its own.
+/// Writes a table of the rows that `make` pushes on a thread of its own, with notes of what that says in the end.
 fn tabulate<W: io::Write + Send, T: Send>(
-    Wanted { every, format, notes }: Wanted<'_>,
+    Wanted { every, format }: Wanted,
     out: W,
     make: impl FnOnce(&mut RowSink) -> T + Send,
+    notes: impl FnOnce(&T) -> Vec<Note>,
 ) -> Result<(W, Written, T), Stopped> {
     let mut count = 0;
     let (mut unplaced, mut unreliable) = (0, 0);
     let (out, made) = match every {
         None => {
-            let mut table = Table::with_notes(format, out, notes)?;
+            let mut table = Table::new(format, out)?;
             let made = beside(make, |row| {
                 count += 1;
                 table.row(row)
             })?;
-            (table.finish()?, made)
+            (table.finish_with(&notes(&made))?, made)
         }
         Some(every) => {
-            let mut table = Table::with_notes(format, out, notes)?;
+            let mut table = Table::new(format, out)?;
             let mut gather = Gather::new(every);
             let made = beside(make, |row| match gather.row(row) {
                 Some(stretch) => {
@@ -219,7 +234,7 @@ fn tabulate<W: io::Write + Send, T: Send>(
                 table.row(&stretch)?;
             }
             (unplaced, unreliable) = (gather.unplaced(), gather.unreliable());
-            (table.finish()?, made)
+            (table.finish_with(&notes(&made))?, made)
         }
     };
     Ok((out, Written { rows: Some(count), unplaced, unreliable, ..Written::default() }, made))
@@ -348,14 +363,27 @@ fn partition(
     file: &Path,
     progress: impl FnMut(u64) + Send,
 ) -> Result<Written, Error> {
-    let notes = origin(log, every)?;
-    if table::notes(file).is_ok_and(|of_file| of_file == notes) {
-        return Ok(Written { path: file.to_path_buf(), ..Written::default() });
+    let origin = origin(log, every)?;
+    if let Some(damage) = table::notes(file).ok().and_then(|notes| damage_of(&notes, &origin)) {
+        return Ok(Written { path: file.to_path_buf(), damage, ..Written::default() });
     }
     if let Some(folder) = file.parent() {
         fs::create_dir_all(folder).map_err(|source| output::Error { path: folder.to_path_buf(), source })?;
     }
-    write_as(log, Wanted { every, format: Format::Parquet, notes: &notes }, file, progress)
+    let notes = |damage: u64| [&origin[..], &[(DAMAGE.into(), damage.to_string())]].concat();
+    write_noted(log, Wanted { every, format: Format::Parquet }, file, progress, notes)
+}
+
+/// The note of how many damaged, broken or missing parts of the log a partition lacks.
+const DAMAGE: &str = "crossfall.damage";
+
+/// That number, if a partition is of this origin.
+fn damage_of(notes: &[Note], origin: &[Note]) -> Option<u64> {
+    let (of, damage) = notes.split_at_checked(origin.len())?;
+    match damage {
+        [(key, damage)] if of == origin && key == DAMAGE => damage.parse().ok(),
+        _ => None,
+    }
 }
 
 /// What a partition is made from and how, as it notes it. A log that grows or is replaced has another size or another time, also an older one.

@@ -85,7 +85,8 @@ pub struct Report {
     pub frames_lost_in_file: u64,
     /// Gaps of which it is not known how many frames they cost: they took longer than the numbers count.
     pub unknown_gaps: u64,
-    /// Seconds of receive time across all holes: an upper bound of what is lost.
+    /// Seconds of receive time across all holes with two ends. An upper bound of what is lost where there are no others: unknown gaps, open ends, missing
+    /// files, restarts.
     pub seconds_lost: f64,
     /// Bytes of damaged places that gave no frame.
     pub bytes_lost: u64,

@@ -461,6 +461,10 @@ fn a_drive_with_a_missing_file_is_taken_into_a_data_set() {
     assert!(table.is_some_and(|rows| rows < drive().rows.len()), "{said}");
     let (partition, said) = command("set/", 3);
     assert!(partition == table && said.contains(" damaged, broken or missing parts passed over"), "{said}");
+    // A second time nothing is made, and the loss is told all the same.
+    let (again, said) = command("set/", 3);
+    assert!(again.is_none() && said.contains("is there, of this log"), "{said}");
+    assert!(said.contains(" damaged, broken or missing parts passed over"), "{said}");
     // The file has been found again.
     fs::rename(&aside, &second).unwrap();
     assert_eq!(command("set/", 0).0, Some(drive().rows.len()));

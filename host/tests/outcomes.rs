@@ -418,3 +418,20 @@ fn what_a_capture_holds_beside_its_channels_is_told() {
     let told = json(&told);
     assert!(told["poses"] == 0 && told["counters"]["foreign.imu"].as_u64().unwrap() > 100, "{told}");
 }
+
+/// Whoever opened a pipe that nobody writes to would wait for ever.
+#[cfg(unix)]
+#[test]
+fn a_pipe_is_refused_and_a_log_named_twice_too() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    assert!(std::process::Command::new("mkfifo").arg(at.join("pipe")).status().unwrap().success());
+    for command in ["verify", "recover"] {
+        let output = ["-o", "out.mcap"];
+        let output = if command == "recover" { &output[..] } else { &[] };
+        let (_, err) = ends(at, &[&[command, "pipe"], output].concat(), 1);
+        assert!(err.contains("is a pipe or a device"), "{err}");
+        let (_, err) = ends(at, &[&[command, "a.log.mcap", "./a.log.mcap"], output].concat(), 2);
+        assert!(err.contains("is named more than once"), "{err}");
+    }
+}

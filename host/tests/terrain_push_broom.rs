@@ -17,12 +17,13 @@ use crossfall::terrain::source::Source;
 use crossfall_core::protocol::Config;
 use crossfall_core::terrain::{Cell, Class, SLOW, TerrainConfig};
 
-/// A road 6.5 m wide that falls by 1 degree to the right. On the left a curb of 12 cm (69.3 mm at 60 degrees) and a pavement, on the right a
-/// drop of 10 cm and a verge. 3 m/s: a scan every 8 cm.
-const SCENE: &str = r#"
+/// A straight road 6.5 m wide that falls by 1 degree to the right, and what is beside it.
+fn road(seconds: f64, speed_m_s: f64, [left, right]: [&str; 2]) -> String {
+    format!(
+        r#"
 [drive]
-seconds = 9.0
-speed_m_s = 3.0
+seconds = {seconds:?}
+speed_m_s = {speed_m_s:?}
 azimuth_deg = 30.0
 track = []
 
@@ -32,11 +33,19 @@ interpolation = "linear"
 
 [[sections.station]]
 at_m = 0.0
-height_m = 2.5
+height_m = {SENSOR_M:?}
 cross_slope_deg = 1.0
-left = { edge_m = 3.0, adjacent_slope_deg = 60.0, adjacent_length_m = 0.0693, ditch_m = 3.0, opposing_slope_deg = 5.0, opposing_length_m = 4.0 }
-right = { edge_m = 3.5, adjacent_slope_deg = -60.0, adjacent_length_m = 0.0577, ditch_m = 3.0, opposing_slope_deg = 5.0, opposing_length_m = 4.0 }
-"#;
+left = {{ edge_m = 3.0, {left} }}
+right = {{ edge_m = 3.5, {right} }}
+"#
+    )
+}
+
+/// On the left a curb of 12 cm (69.3 mm at 60 degrees) and a pavement, on the right a drop of 10 cm and a verge.
+const STEPS: [&str; 2] = [
+    "adjacent_slope_deg = 60.0, adjacent_length_m = 0.0693, ditch_m = 3.0, opposing_slope_deg = 5.0, opposing_length_m = 4.0",
+    "adjacent_slope_deg = -60.0, adjacent_length_m = 0.0577, ditch_m = 3.0, opposing_slope_deg = 5.0, opposing_length_m = 4.0",
+];
 const SENSOR_M: f64 = 2.5;
 const CURB_M: f64 = 3.0;
 const DROP_M: f64 = -3.5;
@@ -92,7 +101,8 @@ fn map(source: &mut Source, mapper: &mut Mapper<'_>) -> Vec<SensorPose> {
 #[test]
 fn a_drive_between_a_curb_and_a_drop_gives_their_heights_risk_and_class() {
     let folder = tempfile::tempdir().unwrap();
-    let mut source = Source::open(&drive(SCENE, folder.path()), &Choices::default()).unwrap();
+    // A scan every 8 cm.
+    let mut source = Source::open(&drive(&road(9.0, 3.0, STEPS), folder.path()), &Choices::default()).unwrap();
     let mut workshop = source.workshop(TerrainConfig::default(), 20.0, source.largest().unwrap());
     let mut mapper = workshop.open().unwrap();
     let path = map(&mut source, &mut mapper);
@@ -143,28 +153,9 @@ fn a_drive_between_a_curb_and_a_drop_gives_their_heights_risk_and_class() {
     assert!(keys.chunks(4).any(|key| key[0] == 3072 && key[3] == 32618), "{keys:?}");
 }
 
-/// A straight road 6.5 m wide at 22 m/s: the lines lie 0.6 m apart, 30 degrees askew to the cells.
-fn highway(left: &str, right: &str) -> String {
-    format!(
-        r#"
-[drive]
-seconds = 6.0
-speed_m_s = 22.0
-azimuth_deg = 30.0
-track = []
-
-[sections]
-mode = "stations"
-interpolation = "linear"
-
-[[sections.station]]
-at_m = 0.0
-height_m = 2.5
-cross_slope_deg = 1.0
-left = {{ edge_m = 3.0, {left} }}
-right = {{ edge_m = 3.5, {right} }}
-"#
-    )
+/// At 22 m/s: the lines lie 0.6 m apart, 30 degrees askew to the cells.
+fn highway(sides: [&str; 2]) -> String {
+    road(6.0, 22.0, sides)
 }
 
 /// Places 0.3 m apart on the way, off the ends.
@@ -192,9 +183,8 @@ fn side_slopes_of_8_degrees_passed_at_22_m_s_are_as_free_as_the_road_and_their_h
     let folder = tempfile::tempdir().unwrap();
     let beyond = "adjacent_length_m = 5.0, ditch_m = 2.0, opposing_slope_deg = 5.0, opposing_length_m = 3.0";
     // The left falls away from the road, the right rises.
-    let scene =
-        highway(&format!("adjacent_slope_deg = -8.0, {beyond}"), &format!("adjacent_slope_deg = 8.0, {beyond}"));
-    let mut source = Source::open(&drive(&scene, folder.path()), &Choices::default()).unwrap();
+    let [falls, rises] = ["-8.0", "8.0"].map(|slope| format!("adjacent_slope_deg = {slope}, {beyond}"));
+    let mut source = Source::open(&drive(&highway([&falls, &rises]), folder.path()), &Choices::default()).unwrap();
     let mut workshop = source.workshop(TerrainConfig::default(), 20.0, source.largest().unwrap());
     let mut mapper = workshop.open().unwrap();
     let path = every_third_of_a_metre(&map(&mut source, &mut mapper));
@@ -215,12 +205,7 @@ fn side_slopes_of_8_degrees_passed_at_22_m_s_are_as_free_as_the_road_and_their_h
 #[test]
 fn a_curb_and_a_drop_passed_at_22_m_s_are_risky_all_along() {
     let folder = tempfile::tempdir().unwrap();
-    let beyond = "ditch_m = 3.0, opposing_slope_deg = 5.0, opposing_length_m = 4.0";
-    let scene = highway(
-        &format!("adjacent_slope_deg = 60.0, adjacent_length_m = 0.0693, {beyond}"),
-        &format!("adjacent_slope_deg = -60.0, adjacent_length_m = 0.0577, {beyond}"),
-    );
-    let mut source = Source::open(&drive(&scene, folder.path()), &Choices::default()).unwrap();
+    let mut source = Source::open(&drive(&highway(STEPS), folder.path()), &Choices::default()).unwrap();
     let mut workshop = source.workshop(TerrainConfig::default(), 20.0, source.largest().unwrap());
     let mut mapper = workshop.open().unwrap();
     let path = every_third_of_a_metre(&map(&mut source, &mut mapper));

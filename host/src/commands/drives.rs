@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use crossfall::container;
 use crossfall::log::Parts;
 
-use super::tell;
+use super::{tell, usage};
 
 /// The drives that are named, each once. A file that belongs to another one of them is read with that and not once more. Tells how many files a drive has, and
 /// what is missing or left out.
@@ -25,6 +25,15 @@ pub fn of(named: &[PathBuf]) -> Vec<PathBuf> {
         }
     }
     drives
+}
+
+/// Files that are read in the order in which they are named, as one stream: each can be there once.
+pub fn each_once(command: &str, named: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
+    let mut seen = BTreeSet::new();
+    match named.iter().find(|file| !seen.insert(real(file))) {
+        Some(twice) => Err(usage(command, &format!("{}: is named more than once", twice.display()))),
+        None => Ok(named.to_vec()),
+    }
 }
 
 /// The files of a drive, the missing ones among them.

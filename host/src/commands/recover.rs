@@ -34,7 +34,7 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let (logs, missing) = match &args.logs[..] {
         [log] => drives::files(log),
-        given => (given.to_vec(), false),
+        given => (drives::each_once("recover", given)?, false),
     };
     distinct(&paths(&logs), &[&args.output])?;
     tell_growing(&logs, "recovered");
@@ -76,9 +76,13 @@ fn line(loss: &Loss) -> String {
 }
 
 fn lost(report: &Report) -> String {
-    let Report { frames_lost, unknown_gaps, seconds_lost, bytes_lost, .. } = report;
-    let more = if *unknown_gaps > 0 { " and more that nobody can count" } else { "" };
-    format!("{frames_lost} frames{more}, at most {seconds_lost:.3} s, {bytes_lost} bytes of damaged places")
+    let Report { frames_lost, unknown_gaps, open_ends, files_missing, restarts, seconds_lost, bytes_lost, .. } = report;
+    let bytes = format!("{bytes_lost} bytes of damaged places");
+    if unknown_gaps + open_ends + files_missing + restarts == 0 {
+        return format!("{frames_lost} frames, at most {seconds_lost:.3} s, {bytes}");
+    }
+    // What has but one end has no length.
+    format!("{frames_lost} frames in {seconds_lost:.3} s, and more that nobody can count, {bytes}")
 }
 
 /// What numbers cannot tell.

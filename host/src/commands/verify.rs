@@ -31,7 +31,7 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let logs = match &args.logs[..] {
         [log] => drives::recording(log),
-        given => given.to_vec(),
+        given => drives::each_once("verify", given)?,
     };
     let Some((first, others)) = logs.split_first() else { anyhow::bail!("no log to verify") };
     tell_growing(&logs, "verified");

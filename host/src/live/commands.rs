@@ -12,6 +12,7 @@ use serde_json::{Value, json};
 use tokio::sync::oneshot;
 
 use super::Live;
+use super::drive_name::drive_name;
 use super::player::MAX_SPEED;
 use super::session::{Order, RockOrder};
 use crate::config;
@@ -87,8 +88,8 @@ pub enum Request {
         #[serde(default)]
         name: String,
     },
-    /// End the recording.
-    Stop,
+    /// End the recording. With braces, as [`Request::ApplyRockTest`], for serde to refuse what does not belong here.
+    Stop {},
     /// Drop a marker.
     Mark {
         /// Its name, at most 24 bytes.
@@ -126,7 +127,7 @@ pub enum Request {
         action: RockOrder,
     },
     /// Put in force what the rock test could tell: offset, delay or both.
-    ApplyRockTest,
+    ApplyRockTest {},
 }
 
 impl Request {
@@ -158,12 +159,13 @@ impl Live {
     pub async fn execute(&self, request: Request) -> Result<Value, Refusal> {
         match request {
             Request::Record { name } => {
+                let name = drive_name(&name).map_err(Refusal::Invalid)?;
                 let (tell, told) = oneshot::channel();
                 self.order(Order::Record { name, tell });
                 let file = within(told).await?.map_err(Refusal::Conflict)?;
                 Ok(json!({ "file": file }))
             }
-            Request::Stop => {
+            Request::Stop {} => {
                 let (tell, told) = oneshot::channel();
                 self.order(Order::Stop { tell: Some(tell) });
                 within(told).await?.map_err(Refusal::Conflict)?;
@@ -206,7 +208,7 @@ impl Live {
                 self.rock(action);
                 Ok(json!({}))
             }
-            Request::ApplyRockTest => {
+            Request::ApplyRockTest {} => {
                 let state = self.hub().state();
                 let estimate = state.rock_test.as_ref().and_then(|test| test.estimate.as_ref());
                 let (Some(estimate), Some(mut config)) = (estimate, self.hub().config()) else {

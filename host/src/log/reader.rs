@@ -295,7 +295,7 @@ impl Reader {
                 // Writers here give a message one time twice: what has two and proves nothing is none.
                 let (messages, none): (Vec<_>, Vec<_>) = messages
                     .into_iter()
-                    .partition(|message| message.log_time == message.publish_time || salvage::is_frame(&message.data));
+                    .partition(|message| salvage::is_certain(message) || salvage::is_frame(&message.data));
                 let none: usize = none.iter().map(|message| salvage::HEAD + message.data.len()).sum();
                 let (all, extra) = merge(messages, found);
                 self.unread += (end - entry.offset + none as u64).saturating_sub(contents.read + extra);
@@ -437,7 +437,7 @@ impl Reader {
     /// Keeps messages for whoever reads. A time that its record does not say twice is not taken for later than the next one that is certain, nor for
     /// earlier than the one before: a damaged head must not make time go back.
     fn keep(&mut self, messages: Vec<Message>) {
-        let is_certain = |message: &Message| message.log_time == message.publish_time;
+        let is_certain = salvage::is_certain;
         let mut next_ns = u64::MAX;
         let mut bounds = Vec::with_capacity(messages.len());
         for message in messages.iter().rev() {

@@ -62,6 +62,11 @@ pub fn is_frame(bytes: &[u8]) -> bool {
     matches!(HostDecoder::new().next(&mut rest), Some(Event::Frame(frame)) if rest.is_empty() && frame.raw.len() == bytes.len())
 }
 
+/// Whether a message's record says its time: it says it twice. Zeros say nothing, however often, unless a frame proves the rest.
+pub fn is_certain(message: &Message) -> bool {
+    message.log_time == message.publish_time && (message.log_time != 0 || is_frame(&message.data))
+}
+
 /// Which of two times that should be the same is believed: what is nearer to the frame before.
 pub fn choose(a: u64, b: u64, near_ns: u64) -> u64 {
     if near_ns == 0 || a.abs_diff(near_ns) <= b.abs_diff(near_ns) { a } else { b }
@@ -73,7 +78,7 @@ fn receive_time(bytes: &[u8], place: usize, length: usize, near_ns: u64) -> (u64
     let long = |at: usize| head.get(at..).and_then(<[u8]>::first_chunk).map_or(0, |bytes| u64::from_le_bytes(*bytes));
     let (log, publish) = (long(15), long(23));
     let whole = head.first() == Some(&mcap::records::op::MESSAGE) && long(1) == 22 + length as u64;
-    if whole && log == publish {
+    if whole && log == publish && (log != 0 || near_ns == 0) {
         return (log, true);
     }
     let best = choose(log, publish, near_ns);

@@ -56,5 +56,7 @@ pub(crate) fn sync_folder(path: &Path) -> io::Result<()> {
 /// Whether a recording is being written to a file at this moment, by this or another program.
 #[must_use]
 pub fn is_being_written(path: &Path) -> bool {
-    File::open(path).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+    // Opening a pipe waits for somebody who writes to it.
+    std::fs::metadata(path).is_ok_and(|found| found.is_file())
+        && File::open(path).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }

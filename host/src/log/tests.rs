@@ -185,6 +185,51 @@ fn any_flipped_bit_of_a_closed_log_costs_at_most_one_frame_and_is_told() {
     }
 }
 
+/// Zeros where a sector was: from any byte of a record's head on. A time that is 0 twice is said by nobody.
+#[test]
+fn zeros_over_records_make_up_no_frame_and_no_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let written = good(&path, 200, Options::default());
+    let whole = fs::read(&path).unwrap();
+    let frame = &written[100].1;
+    let head = whole.windows(frame.len()).position(|window| window == frame).unwrap() - salvage::HEAD;
+    for from in head..head + salvage::HEAD {
+        let mut bytes = whole.clone();
+        bytes[from..from + 600].fill(0);
+        fs::write(&path, &bytes).unwrap();
+        let (frames, errors) = read(&path);
+        assert!(!errors.is_empty(), "zeros from byte {} of the head", from - head);
+        assert!(frames.len() >= 180, "{} frames", frames.len());
+        assert!(frames.iter().all(|frame| written.iter().any(|(_, bytes)| frame.1 == *bytes)), "made up");
+        assert!(frames.is_sorted_by_key(|(time, _)| *time) && frames[0].0 == written[0].0, "a time went back");
+    }
+}
+
+/// Joined files, which is no way to join logs, and what a disk or a tool leaves at the end of one.
+#[test]
+fn what_lies_behind_the_end_is_told_and_searched() {
+    let folder = tempfile::tempdir().unwrap();
+    let (one, other) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
+    let written = [good(&one, 60, Options::default()), good(&other, 40, Options::default())].concat();
+    let (first, second) = (fs::read(&one).unwrap(), fs::read(&other).unwrap());
+    fs::write(&one, [&first[..], &second].concat()).unwrap();
+    let (frames, errors) = read(&one);
+    assert_eq!(frames, written);
+    assert!(errors.len() == 1 && errors[0].to_string().contains("bytes behind the closing records"), "{errors:?}");
+    for behind in [vec![0; 5_000], b"somebody's notes".to_vec(), vec![0x89]] {
+        fs::write(&one, [&first[..], &behind].concat()).unwrap();
+        let (frames, errors) = read(&one);
+        assert_eq!(frames, written[..60]);
+        assert_eq!(errors.len(), 1, "{} bytes: {errors:?}", behind.len());
+    }
+    // The mark that ends the file says nothing more: a cut within it costs nothing.
+    for left in 1..8 {
+        fs::write(&one, &first[..first.len() - left]).unwrap();
+        assert!(read(&one).1.is_empty(), "{left} bytes cut");
+    }
+}
+
 #[test]
 fn a_packed_log_reads_the_same_and_is_smaller() {
     let folder = tempfile::tempdir().unwrap();

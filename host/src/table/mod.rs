@@ -156,17 +156,9 @@ impl<W: Write + Send, R: Record> Table<W, R> {
     /// # Errors
     /// When its beginning cannot be written.
     pub fn new(format: Format, out: W) -> Result<Self, Error> {
-        Self::with_notes(format, out, &[])
-    }
-
-    /// Starts a table with notes, where the format has a place for them: Parquet.
-    ///
-    /// # Errors
-    /// When its beginning cannot be written.
-    pub fn with_notes(format: Format, out: W, notes: &[Note]) -> Result<Self, Error> {
         Ok(Self(match format {
             Format::Csv => Writer::Csv(comma::Table::new(out)?),
-            Format::Parquet => Writer::Parquet(Box::new(parquet::Table::new(out, notes)?)),
+            Format::Parquet => Writer::Parquet(Box::new(parquet::Table::new(out)?)),
             Format::GeoJson => Writer::GeoJson(geojson::Table::new(out)?),
         }))
     }
@@ -188,9 +180,17 @@ impl<W: Write + Send, R: Record> Table<W, R> {
     /// # Errors
     /// When its end cannot be written.
     pub fn finish(self) -> Result<W, Error> {
+        self.finish_with(&[])
+    }
+
+    /// The same with notes, where the format has a place for them: Parquet.
+    ///
+    /// # Errors
+    /// When its end cannot be written.
+    pub fn finish_with(self, notes: &[Note]) -> Result<W, Error> {
         match self.0 {
             Writer::Csv(table) => table.finish(),
-            Writer::Parquet(table) => table.finish(),
+            Writer::Parquet(table) => table.finish(notes),
             Writer::GeoJson(table) => table.finish(),
         }
     }

@@ -40,15 +40,12 @@ struct Cells {
 }
 
 impl<W: Write + Send, R: Record> Table<W, R> {
-    pub fn new(out: W, notes: &[Note]) -> Result<Self, Error> {
+    pub fn new(out: W) -> Result<Self, Error> {
         let mut fields = Vec::new();
         let mut properties = WriterProperties::builder()
             .set_compression(Compression::ZSTD(ZstdLevel::try_new(1)?))
             .set_dictionary_enabled(false)
-            .set_created_by(concat!("crossfall ", env!("CARGO_PKG_VERSION")).to_owned())
-            .set_key_value_metadata(Some(
-                notes.iter().map(|(key, value)| KeyValue::new(key.to_string(), value.clone())).collect(),
-            ));
+            .set_created_by(concat!("crossfall ", env!("CARGO_PKG_VERSION")).to_owned());
         for (name, kind) in R::COLUMNS {
             let (physical, converted) = match kind {
                 Kind::Integer => (Physical::INT64, ConvertedType::NONE),
@@ -108,9 +105,12 @@ impl<W: Write + Send, R: Record> Table<W, R> {
         Ok(())
     }
 
-    pub fn finish(mut self) -> Result<W, Error> {
+    pub fn finish(mut self, notes: &[Note]) -> Result<W, Error> {
         if self.rows > 0 {
             self.flush()?;
+        }
+        for (key, value) in notes {
+            self.file.append_key_value_metadata(KeyValue::new(key.to_string(), value.clone()));
         }
         Ok(self.file.into_inner()?)
     }

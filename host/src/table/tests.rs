@@ -80,9 +80,9 @@ fn notes_of_a_parquet_file_read_back() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("stones.parquet");
     let noted: [Note; 2] = [("from".into(), "the brook".to_owned()), ("bag".into(), "2".to_owned())];
-    let mut table = Table::with_notes(Format::Parquet, std::fs::File::create(&path).unwrap(), &noted).unwrap();
+    let mut table = Table::new(Format::Parquet, std::fs::File::create(&path).unwrap()).unwrap();
     stones().iter().for_each(|stone| table.row(stone).unwrap());
-    table.finish().unwrap();
+    table.finish_with(&noted).unwrap();
     assert_eq!(notes(&path).unwrap(), noted);
     std::fs::write(&path, b"no table").unwrap();
     assert!(notes(&path).is_err());
