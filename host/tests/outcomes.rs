@@ -146,7 +146,8 @@ fn the_work_and_the_verdict_do_not_hang_on_who_reads_stdout() {
     unread(at, &["verify", "cut.mcap", "--json"], 3);
     unread(at, &["info", "cut.mcap"], 3);
     unread(at, &["recover", "cut.mcap", "-o", "out.mcap"], 3);
-    unread(at, &["compare", "drive.log.mcap", "drive.log.mcap", "-o", "pictures"], 0);
+    fs::copy(at.join("drive.log.mcap"), at.join("twin.log.mcap")).unwrap();
+    unread(at, &["compare", "drive.log.mcap", "twin.log.mcap", "-o", "pictures"], 0);
     assert!(at.join("out.mcap").exists() && at.join("pictures/repeat.svg").exists());
     let scene = "[drive]\nseconds = 20.0\nspeed_m_s = 0.0\n[vehicle]\nroll = [{ amplitude_deg = 2.0, frequency_hz = 1.0 }]\npitch = []\n\
                  [sections.random]\ncross_slope_deg = [0.0, 0.0]\nleft_edge_m = [4.0, 4.0]\nroad_width_m = [8.0, 8.0]\n";
@@ -156,7 +157,8 @@ fn the_work_and_the_verdict_do_not_hang_on_who_reads_stdout() {
     unread(at, &["calibrate", "rock.log.mcap", "-o", "my.toml"], 0);
     assert!(at.join("my.toml").exists());
     // Two drives that stood have positions, and no way.
-    let (_, said) = ends(at, &["compare", "rock.log.mcap", "rock.log.mcap"], 0);
+    fs::copy(at.join("rock.log.mcap"), at.join("rock2.log.mcap")).unwrap();
+    let (_, said) = ends(at, &["compare", "rock.log.mcap", "rock2.log.mcap"], 0);
     assert!(said.contains("the first drive stood"), "{said}");
     // What does nothing but stream has done enough.
     assert_eq!(unread(at, &["profiles", "cut.mcap"], 0), "");
@@ -425,6 +427,7 @@ fn what_a_capture_holds_beside_its_channels_is_told() {
 fn a_pipe_is_refused_and_a_log_named_twice_too() {
     let folder = TempDir::new().unwrap();
     let at = folder.path();
+    fs::write(at.join("a.log.mcap"), b"").unwrap();
     assert!(std::process::Command::new("mkfifo").arg(at.join("pipe")).status().unwrap().success());
     for command in ["verify", "recover"] {
         let output = ["-o", "out.mcap"];
