@@ -88,7 +88,7 @@ pub fn write(
     to: &Path,
     progress: impl FnMut(u64) + Send,
 ) -> Result<Written, Error> {
-    write_noted(log, Wanted { every, format }, to, progress, |_| Vec::new())
+    write_noted(log, Wanted { every, format }, to, progress, nothing)
 }
 
 /// `notes` is told the damage passed.
@@ -97,12 +97,10 @@ fn write_noted(
     wanted: Wanted,
     to: &Path,
     progress: impl FnMut(u64) + Send,
-    notes: impl FnOnce(u64) -> Vec<Note>,
+    notes: impl FnOnce(&u64) -> Vec<Note>,
 ) -> Result<Written, Error> {
     let rows = Rows::open(log)?;
     let read = |sink: &mut RowSink| Ok(read(rows, progress, sink));
-    let notes =
-        |read: &Result<u64, container::Error>| read.as_ref().map_or_else(|_| Vec::new(), |damage| notes(*damage));
     let (written, damage) = write_made(wanted, to, read, notes)?;
     Ok(Written { damage, ..written })
 }
@@ -124,9 +122,11 @@ fn write_made<T: Send>(
     wanted: Wanted,
     to: &Path,
     make: impl FnOnce(&mut RowSink) -> Result<T, container::Error> + Send,
-    notes: impl FnOnce(&Result<T, container::Error>) -> Vec<Note>,
+    notes: impl FnOnce(&T) -> Vec<Note>,
 ) -> Result<(Written, T), Error> {
     let output = Output::create(to)?;
+    // Of rows that have not come to their end no table stays.
+    let notes = |made: &Result<T, _>| made.as_ref().map_or_else(|_| Vec::new(), notes);
     let (output, written, made) = tabulate(wanted, output, make, notes).map_err(|error| match error {
         Stopped::Table(source) => Error::Table { path: to.to_path_buf(), source },
         Stopped::Interrupted => container::Error::Interrupted.into(),
@@ -370,7 +370,7 @@ fn partition(
     if let Some(folder) = file.parent() {
         fs::create_dir_all(folder).map_err(|source| output::Error { path: folder.to_path_buf(), source })?;
     }
-    let notes = |damage: u64| [&origin[..], &[(DAMAGE.into(), damage.to_string())]].concat();
+    let notes = |damage: &u64| [&origin[..], &[(DAMAGE.into(), damage.to_string())]].concat();
     write_noted(log, Wanted { every, format: Format::Parquet }, file, progress, notes)
 }
 
