@@ -6,6 +6,7 @@ use std::path::Path;
 
 use crossfall::terrain::drive::{Body, Shape, TerrainScene};
 use crossfall::terrain::frames::{Choices, FrameFolder};
+use crossfall::terrain::ghosts::ghosts;
 use crossfall::terrain::lidar::Lidar;
 use crossfall::terrain::map_files;
 use crossfall::terrain::mapper::Workshop;
@@ -173,4 +174,12 @@ fn a_drive_takes_the_place_of_an_earlier_one_and_of_nothing_else() {
     assert!(refused.ends_with("velodyne: holds frames that were not simulated; name another folder"), "{refused}");
     assert_eq!(fs::read(at("velodyne/000001.bin")).unwrap(), recorded);
     assert_eq!(names(&at("velodyne")).len(), 3);
+}
+
+#[test]
+fn an_oncoming_car_leaves_nothing_also_where_columns_are_two_cells_apart() {
+    let left: Vec<_> = ghosts(5, "oncoming, 800 columns").unwrap();
+    let [ghost] = &left[..] else { panic!("{left:?}") };
+    assert!(ghost.near.visible > 10_000 && ghost.far.visible > 1_000, "{ghost:?}");
+    assert_eq!((ghost.near.risky, ghost.far.risky), (0, 0), "{ghost:?}");
 }

@@ -13,7 +13,7 @@ use crossfall::terrain::conventional::tuned;
 use crossfall::terrain::curve;
 use crossfall::terrain::drive::TerrainScene;
 use crossfall::terrain::evaluation::{DISTANCES, Judged, judge};
-use crossfall::terrain::ghosts::ghosts;
+use crossfall::terrain::ghosts::{Passed, ghosts};
 use crossfall::terrain::scene::{Bump, GradeKnot};
 
 use super::{Outcome, say};
@@ -105,10 +105,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
             first = Some(judged);
         }
     }
-    if args.only.is_empty() || "moving".contains(&args.only) {
-        for ghost in ghosts(args.seed)? {
-            say(&format!("{:<38} {} of {} cells visible for 1 s still risky", ghost.name, ghost.risky, ghost.visible))?;
-        }
+    for ghost in ghosts(args.seed, &args.only)? {
+        let told = |passed: &Passed| format!("{} of {}", passed.risky, passed.visible);
+        say(&format!(
+            "{:<38} {} cells still risky to 40 m, {} to 60 m",
+            ghost.name,
+            told(&ghost.near),
+            told(&ghost.far)
+        ))?;
     }
     if let (Some(folder), Some(judged)) = (&args.output, &first) {
         fs::create_dir_all(folder).with_context(|| format!("creating {}", folder.display()))?;

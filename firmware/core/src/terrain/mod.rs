@@ -16,6 +16,7 @@ mod boxes;
 mod classify;
 mod config;
 mod geometry;
+mod impressions;
 mod map;
 mod marks;
 mod plane;

@@ -6,6 +6,7 @@
 //! In a push broom's map lines of points lie as far apart as the vehicle drives between two of them, 0.6 m on a highway, and run askew to the cells:
 //! hardly two known cells lie in one row 0.4 m apart. There a tile's gradient is that of a [plane](super::plane) through most of its cells.
 
+use super::impressions;
 use super::tile::{TILE_CELLS, TILE_SIDE, Tile, TileKey};
 use super::window::{Neighbours, Window};
 
@@ -14,7 +15,7 @@ const SPAN: usize = 4;
 /// A rise of more than this over four cells is no road: 45 %, 0.18 m.
 pub(super) const STEEPEST: i16 = 720;
 /// Marks a difference of which an end is unknown; above any real one.
-const NONE: i16 = i16::MAX;
+pub(super) const NONE: i16 = i16::MAX;
 /// Pairs from which a tile's median counts as one.
 const ENOUGH: u16 = 6;
 /// Pairs from which a small neighbourhood's median is not looked for in a larger one. Far off, where a tile is crossed by one ring, six pairs are
@@ -24,28 +25,12 @@ const SURE: u16 = 40;
 /// Pairs beyond which a median is worth no more.
 const MOST: u16 = 64;
 
-/// Known cells from which a tile's first impressions are reviewed: 8, 16, 32 and 64. A sparse sensor stays with the first.
-const REVIEWED: u16 = 8;
-const REVIEWS: u8 = 4;
-/// Height above the tile's floor from which a first impression is given up, 0.17 m: above a curb of 15 cm, below a car's flank.
-const IMPRESSION: i16 = 680;
-
-/// Works a tile's mean height and its own medians out anew. With the frame's stamp, first impressions are reviewed the first time that enough of it
-/// is known.
-///
-/// What a tile far off shows first may be the flank of a car, taken for ground because there was none to tell it from. When more is known, cells
-/// that stand high above the tile's floor and are not seen in this frame are given up: a low wall is seen again, the car has gone.
+/// Works a tile's mean height and its own medians out anew. With the frame's stamp, what its cells hold is [reviewed](super::impressions) as well.
 #[inline(always)]
 pub(crate) fn measure(tile: &mut Tile, review: Option<u8>) {
     survey(tile);
-    if let Some(stamp) = review
-        && tile.reviewed < REVIEWS
-        && tile.known >= REVIEWED << tile.reviewed
-    {
-        tile.reviewed += 1;
-        if give_up_impressions(tile, stamp) {
-            survey(tile);
-        }
+    if review.is_some_and(|stamp| impressions::review(tile, stamp)) {
+        survey(tile);
     }
 }
 
@@ -92,30 +77,9 @@ fn sum(heights: &Rises, known: &Rises) -> i32 {
     heights.iter().zip(known).map(|(height, known)| i32::from(*height) * i32::from(*known)).sum()
 }
 
-/// Empties cells high above the level that a tenth of the tile's cells keep below, its gradient taken out, unless they bear the stamp; whether there
-/// were any.
-fn give_up_impressions(tile: &mut Tile, stamp: u8) -> bool {
-    let mut levels = [NONE; TILE_CELLS];
-    let [lowest, highest] = level(&tile.height, &tile.margin, tile.own_rise, &mut levels);
-    // The floor is not below the lowest.
-    if highest <= lowest.saturating_add(IMPRESSION) {
-        return false;
-    }
-    let floor = quantile([lowest, highest], tile.known / 10 + 1, |bound| at_most(&levels, bound));
-    let mut any = false;
-    for (index, level) in levels.iter().enumerate() {
-        let seen = tile.held[index & 255].stamp;
-        if *level != NONE && *level > floor.saturating_add(IMPRESSION) && seen != stamp {
-            tile.clear(index as u8);
-            any = true;
-        }
-    }
-    any
-}
-
 /// Heights with the gradient taken out, `NONE` where nothing is known; the lowest and the highest (at least 0).
 #[inline(always)]
-fn level(heights: &Rises, margins: &[u8; TILE_CELLS], rise: [i16; 2], out: &mut Rises) -> [i16; 2] {
+pub(super) fn level(heights: &Rises, margins: &[u8; TILE_CELLS], rise: [i16; 2], out: &mut Rises) -> [i16; 2] {
     let (mut lowest, mut highest) = ([NONE; TILE_SIDE], [0; TILE_SIDE]);
     let mut along = [0i16; TILE_SIDE];
     // Rises are at most STEEPEST: both products stay within 6,000.
@@ -138,7 +102,7 @@ fn level(heights: &Rises, margins: &[u8; TILE_CELLS], rise: [i16; 2], out: &mut 
     [lowest.iter().copied().fold(NONE, i16::min), highest.iter().copied().fold(0, i16::max)]
 }
 
-type Rises = [i16; TILE_CELLS];
+pub(super) type Rises = [i16; TILE_CELLS];
 
 /// Heights of a tile as the starts of differences and as their ends: unknown ones lie so far down, and up, that whatever differs from one differs by
 /// more than the limit, as heights are within `HIGHEST`. Behind the ends as many unknown ones as the longest span reaches over the tile's.
@@ -279,7 +243,7 @@ fn differences(starts: &Rises, ends: &Rises, partner: &[i16; TILE_SIDE], limit: 
 /// Smallest value within the bounds at or below which lies at least `share`, by bisection on the value: summing up is a branchless pass
 /// over 256 words.
 #[inline(always)]
-fn quantile([mut low, mut high]: [i16; 2], share: u16, at_most: impl Fn(i16) -> u16) -> i16 {
+pub(super) fn quantile([mut low, mut high]: [i16; 2], share: u16, at_most: impl Fn(i16) -> u16) -> i16 {
     while low < high {
         let middle = ((i32::from(low) + i32::from(high)) >> 1) as i16;
         if at_most(middle) >= share {
@@ -292,7 +256,7 @@ fn quantile([mut low, mut high]: [i16; 2], share: u16, at_most: impl Fn(i16) -> 
 }
 
 #[inline(always)]
-fn at_most(values: &Rises, bound: i16) -> u16 {
+pub(super) fn at_most(values: &Rises, bound: i16) -> u16 {
     let mut count = 0i16;
     for value in values {
         count += i16::from(*value <= bound);

@@ -1,0 +1,107 @@
+//! First impressions, given up when more is known.
+//!
+//! What a tile far off shows first may be the flank of a car, taken for ground because there was none to tell it from; and between two rings, or two columns of
+//! a sparse sensor, a bumper is hit where nothing above it is, so that no mark says that something stood there. Two rules take such cells back:
+//!
+//! * when 8, 16, 32 and 64 cells of a tile are known, those high above its floor that are not seen in this frame: a low wall is seen again, the car has gone;
+//! * in a tile with risk, whenever its risk is told anew, the few that stand out of it, if they were hit once or twice and not in the last second. What is
+//!   really there, a stone or a curb's corner, goes on being hit.
+
+use super::risk::SLOW;
+use super::slope::{NONE, at_most, level, quantile};
+use super::tile::{TILE_CELLS, Tile};
+
+/// Known cells from which a tile is reviewed for the first time; each time after that, twice as many.
+const REVIEWED: u16 = 8;
+const REVIEWS: u8 = 4;
+/// Height above the tile's floor from which a first impression is given up, quarter millimetres, 0.17 m: above a curb of 15 cm, below a car's flank.
+const IMPRESSION: i16 = 680;
+/// The same of cells that are few, 8 cm: what is lower may be a bump's first points.
+const LONE: i16 = 320;
+/// Cells that are few, and few of those known: a curb across a tile raises more.
+const FEW: u16 = 6;
+const SHARE: u16 = 4;
+/// Weight of a cell that was hit once or twice: a sigma of 4 mm.
+const SLIGHT: u16 = 256;
+/// Frames without a hit, a second.
+const SINCE: u8 = 10;
+
+/// Empties cells that the rest of the tile contradicts, as the module says; whether there were any.
+pub(super) fn review(tile: &mut Tile, stamp: u8) -> bool {
+    let first = tile.reviewed < REVIEWS && tile.known >= REVIEWED << tile.reviewed;
+    tile.reviewed += u8::from(first);
+    (first || tile.risk.iter().any(|risk| *risk >= SLOW)) && give_up(tile, stamp, first)
+}
+
+/// Heights count above the level that a tenth of the tile's cells keep below, under the neighbourhood's gradient: the tile's own may be that of the body.
+fn give_up(tile: &mut Tile, stamp: u8, first: bool) -> bool {
+    let mut levels = [NONE; TILE_CELLS];
+    let [lowest, highest] = level(&tile.height, &tile.margin, tile.rise, &mut levels);
+    // The floor is not below the lowest.
+    if highest <= lowest.saturating_add(LONE) {
+        return false;
+    }
+    let floor = quantile([lowest, highest], tile.known / 10 + 1, |bound| at_most(&levels, bound));
+    let above = |level: i16, height: i16| level != NONE && level > floor.saturating_add(height);
+    // At most 256.
+    let raised = levels.iter().filter(|level| above(**level, LONE / 2)).count() as u16;
+    let few = raised <= FEW && raised * SHARE <= tile.known;
+    let mut any = false;
+    for (index, level) in levels.iter().enumerate() {
+        let held = tile.held[index & 255];
+        let gone = first && above(*level, IMPRESSION) && held.stamp != stamp;
+        let stray = few && above(*level, LONE) && held.weight <= SLIGHT && stamp.wrapping_sub(held.stamp) >= SINCE;
+        if gone || stray {
+            tile.clear(index as u8);
+            any = true;
+        }
+    }
+    any
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tile::{TILE_SIDE, Update, margin_table};
+    use super::*;
+
+    /// A risky tile whose every other cell was hit at level 0 in frame 3, and some at 13 cm in frame 1.
+    fn tile(raised: &[u8], hits: u32) -> Tile {
+        let mut tile = Tile::EMPTY;
+        let margins = margin_table();
+        for cell in (0..TILE_CELLS as u32).step_by(2) {
+            tile.fuse(cell as u8, 0, 90, &Update { margins: &margins, stamp: 3 });
+        }
+        for cell in raised {
+            for _ in 0..hits {
+                tile.fuse(*cell, 520, 90, &Update { margins: &margins, stamp: 1 });
+            }
+        }
+        (tile.known, tile.reviewed) = (TILE_CELLS as u16 / 2, REVIEWS);
+        tile.risk[0] = SLOW;
+        tile
+    }
+
+    fn is_known(tile: &Tile, cell: u8) -> bool {
+        tile.margin[usize::from(cell)] != 0
+    }
+
+    #[test]
+    fn a_cell_that_stands_out_is_given_up_a_second_after_its_only_hit_and_not_before() {
+        let held = tile(&[101, 103], 1);
+        let mut early = held.clone();
+        assert!(!review(&mut early, 10) && is_known(&early, 101));
+        let mut late = held.clone();
+        assert!(review(&mut late, 11) && !is_known(&late, 101) && !is_known(&late, 103) && is_known(&late, 100));
+        let mut plain = Tile { risk: [0; TILE_CELLS], ..held };
+        assert!(!review(&mut plain, 11), "without risk nothing is looked for");
+    }
+
+    #[test]
+    fn what_was_hit_often_and_what_crosses_the_tile_is_kept() {
+        let mut stone = tile(&[101], 3);
+        assert!(!review(&mut stone, 60));
+        let row: [u8; TILE_SIDE / 2] = core::array::from_fn(|column| 97 + 2 * column as u8);
+        let mut curb = tile(&row, 1);
+        assert!(!review(&mut curb, 60));
+    }
+}
