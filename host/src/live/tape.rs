@@ -364,8 +364,11 @@ impl Tape for LiveTape {
         }
     }
 
-    fn is_last(&self) -> bool {
-        matches!(&self.step, Step::Recording { log } | Step::Ending { log, .. } if log.is_last())
+    fn grows_on(&self) -> Option<log::GrowsOn> {
+        match &self.step {
+            Step::Recording { log } | Step::Ending { log, .. } => log.grows_on(),
+            _ => None,
+        }
     }
 
     fn settle(&mut self, now_ns: u64) -> Result<(), output::Error> {
