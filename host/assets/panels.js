@@ -73,12 +73,22 @@ export function showDrive(state) {
   $("source").title = state.source.name;
 }
 
+/** What a recording has lost on the way from the board, each in its own unit. */
+function lost(recording) {
+  const counted = (count, one, many) => count && `${count} ${count === 1 ? one : many}`;
+  return [
+    counted(recording.frames_lost, "frame lost", "frames lost"),
+    counted(recording.bytes_lost, "byte lost", "bytes lost"),
+    counted(recording.unknown_gaps, "gap of unknown length", "gaps of unknown length"),
+  ].filter(Boolean);
+}
+
 /** What became of a recording: saved, or what is amiss with it. */
 function kept(last) {
   const amiss = [
     last.error && "ended early",
     !last.frames && "empty",
-    last.lost && `${last.lost} lost`,
+    ...lost(last),
     last.lost_on_board && `${last.lost_on_board} lost on the board`,
     last.restarts && `${last.restarts} restart${last.restarts > 1 ? "s" : ""}`,
     last.disconnected && "not connected at the end",
@@ -96,7 +106,7 @@ export function showRecording(state) {
   set($("record-label"), { idle: "Record", starting: "Starting", recording: "Stop", ending: "Ending" }[now.phase]);
   button.setAttribute("aria-pressed", String(on));
   set($("record-time"), clock(on ? now.seconds : last ? last.seconds : 0));
-  set($("record-size"), on ? `${size(now.bytes)}${now.lost ? `, ${now.lost} lost` : ""}` : last ? kept(last) : "not recording");
+  set($("record-size"), on ? [size(now.bytes), ...lost(now)].join(", ") : last ? kept(last) : "not recording");
   $("drive").disabled = on;
   $("drive").placeholder = on ? now.name : "date and time";
 }

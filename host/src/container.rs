@@ -7,12 +7,14 @@
 //!
 //! Bounds: one chunk is in memory at a time, and no chunk larger than [`MAX_CHUNK`] is accepted, whatever its header says.
 
+mod closing;
 pub(crate) mod disk;
 
 use std::fs::{self, File};
 use std::io::{self, BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 
+pub(crate) use closing::Index;
 use disk::{Disk, Source};
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -140,6 +142,8 @@ pub(crate) struct Message {
     /// Where the message's record is; in a compressed chunk, where the chunk is.
     pub offset: u64,
     pub channel: u16,
+    /// The record's own number; writers here count all records of a recording.
+    pub sequence: u32,
     /// Nanoseconds.
     pub log_time: u64,
     /// Nanoseconds; writers here give both times the same value.
@@ -307,7 +311,11 @@ impl Container {
 
     /// The CRC-32 of everything before `end`, read in one go.
     pub fn checksum(&mut self, end: u64) -> Result<u32, Error> {
-        let (mut hasher, mut at) = (crc32fast::Hasher::new(), 0);
+        self.checksum_of(0, end)
+    }
+
+    fn checksum_of(&mut self, from: u64, end: u64) -> Result<u32, Error> {
+        let (mut hasher, mut at) = (crc32fast::Hasher::new(), from);
         while at < end.min(self.size) {
             let most = usize::try_from(end - at).unwrap_or(usize::MAX).min(1 << 20);
             let bytes = self.bytes(at, most)?;
@@ -367,13 +375,13 @@ impl Container {
         }
         if opcode == op::FOOTER || (length > room && opcode != op::CHUNK) {
             self.closed = true;
-            // With nothing to read behind it, it is the file's end that is missing and not a length that is wrong.
-            return Some(Err(match self.chunk_from(offset + 1) {
+            // With nothing to read behind it, it is the file's end that is missing and not a length that is wrong, unless that end is there.
+            let goes_on =
+                self.chunk_from(offset + 1).and_then(|chunk| Ok(chunk.is_some() || self.closing()?.is_some()));
+            return Some(Err(match goes_on {
                 Err(error) => error,
-                Ok(None) => self.cut(format!("inside of the record that began at byte {offset}")),
-                Ok(Some(_)) => {
-                    self.damaged(offset, format!("a record of {length} bytes, of which the file holds {room}"))
-                }
+                Ok(false) => self.cut(format!("inside of the record that began at byte {offset}")),
+                Ok(true) => self.damaged(offset, format!("a record of {length} bytes, of which the file holds {room}")),
             }));
         }
         if opcode == op::CHUNK
@@ -593,6 +601,7 @@ impl Container {
             Ok(Record::Message { header, data }) => contents.messages.push(Message {
                 offset,
                 channel: header.channel_id,
+                sequence: header.sequence,
                 log_time: header.log_time,
                 publish_time: header.publish_time,
                 data: data.into_owned(),

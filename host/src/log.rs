@@ -7,7 +7,10 @@
 //! byte lacks at most that much. [`Reader`] goes from the start to wherever the file ends, tells every damage with its place,
 //! finds the good frames within it, and goes on behind it. [`Recording`] does so over all files of a recording.
 
+mod files;
 pub mod metadata;
+mod names;
+mod order;
 mod parts;
 mod reader;
 mod recording;
@@ -16,13 +19,15 @@ mod storage;
 mod writer;
 
 pub use crate::container::Error;
-pub use parts::{Parts, Recording};
-pub(crate) use parts::{names_of, torn};
+pub use files::Recording;
+pub(crate) use files::torn;
+pub(crate) use names::names_of;
+pub use parts::Parts;
 pub use reader::Reader;
 pub use recording::is_recording;
 pub(crate) use storage::sync_folder;
 pub use storage::{Storage, is_being_written};
-pub use writer::{Options, PARTS, Writer};
+pub use writer::{GrowsOn, Options, PARTS, Writer};
 
 /// The channel of a log.
 pub const TOPIC: &str = "wire";

@@ -48,10 +48,11 @@ fn heading(state: &State) -> Line<'_> {
         (Phase::Idle, Some(last)) => format!("saved {} ({:.1} MB)", last.name, last.bytes as f64 / 1e6).into(),
         (Phase::Idle, None) => "not recording".into(),
         _ => format!(
-            "● REC {}:{:02}  {:.1} MB  {}",
+            "● REC {}:{:02}  {:.1} MB{}  {}",
             recording.seconds as u64 / 60,
             recording.seconds as u64 % 60,
             recording.bytes as f64 / 1e6,
+            recording.lost.words().map(|lost| format!(", {lost}")).collect::<String>(),
             recording.name
         )
         .red()

@@ -54,12 +54,18 @@ impl Output {
             // A link is followed, so that the file it names is replaced and not the link.
             let to = followed(path).map_err(wrap)?;
             free(&to).map_err(wrap)?;
-            let name = to.file_name().ok_or_else(|| wrap(io::Error::other("the path names no file")))?;
+            if to.file_name().is_none() {
+                return Err(wrap(io::Error::other("the path names no file")));
+            }
             let folder = folder_of(&to);
-            let mut prefix = std::ffi::OsString::from(".");
-            prefix.push(name);
+            // Before the work, and not when it is done: whether the file system takes the name.
+            if let Some(error) = fs::symlink_metadata(&to).err().filter(|e| e.kind() == io::ErrorKind::InvalidFilename)
+            {
+                return Err(wrap(error));
+            }
             let mut builder = tempfile::Builder::new();
-            builder.prefix(&prefix).suffix(".part");
+            // Short, whatever the file's own name: any that the file system takes works.
+            builder.prefix(".crossfall").suffix(".part");
             #[cfg(unix)]
             {
                 use std::os::unix::fs::PermissionsExt;
@@ -208,6 +214,20 @@ mod tests {
         output.write_all(b"new").unwrap();
         drop(output);
         assert_eq!(fs::read(&path).unwrap(), b"old");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn any_name_that_the_file_system_takes_works_and_no_longer_one_is_begun() {
+        let folder = tempfile::tempdir().unwrap();
+        for bytes in [245, 250, 255] {
+            let path = folder.path().join("n".repeat(bytes));
+            write(&path, b"whole").unwrap();
+            assert_eq!(fs::read(&path).unwrap(), b"whole");
+        }
+        let error = Output::create(&folder.path().join("n".repeat(256))).unwrap_err();
+        assert_eq!(error.source.kind(), io::ErrorKind::InvalidFilename, "{error}");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
     }
 
     #[test]

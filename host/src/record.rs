@@ -29,6 +29,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use crossfall_core::protocol::Config;
 
 use crate::counters::Totals;
+use crate::log::GrowsOn;
 use crate::output;
 pub(crate) use amiss::Amiss;
 pub use buffer::CAPACITY;
@@ -145,7 +146,7 @@ pub fn converse(
     let mut summary = Summary::default();
     let mut heard = Instant::now();
     let mut told_silent = false;
-    let mut told_last = false;
+    let mut overgrown = None;
     let mut stopped: Option<Instant> = None;
     loop {
         match buffer.take(POLL) {
@@ -187,11 +188,15 @@ pub fn converse(
         link.keeper.due(Instant::now(), &mut notice);
         summary.unconfigured = link.keeper.astray();
         summary.seconds = clock.started.elapsed().as_secs_f64();
+        let parts = summary.parts;
         (summary.log_bytes, summary.parts) = log.extent();
         // The live page begins another recording while the connection lasts.
-        let told_before = std::mem::replace(&mut told_last, log.is_last());
-        if told_last && !told_before {
-            notice(Notice::LastFile);
+        let before = std::mem::replace(&mut overgrown, log.grows_on());
+        match (&before, &overgrown) {
+            (None | Some(GrowsOn::NoNext { .. }), Some(GrowsOn::Numbers)) => notice(Notice::LastFile),
+            (None, Some(GrowsOn::NoNext { why })) => notice(Notice::NoNextFile { why: why.clone() }),
+            (Some(_), None) if summary.parts > parts => notice(Notice::NextFile),
+            _ => {}
         }
         if stopped.is_none() && !goes_on(&summary) {
             stopped = Some(Instant::now());

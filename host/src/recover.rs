@@ -23,6 +23,9 @@ use crate::{container, log, output};
 /// Losses kept in words; all are counted.
 const KEPT: usize = 1_000;
 
+/// Metadata that say which file of which recording a log is, and what it is made of: the new log's own come first, or last.
+const SAID: [&str; 4] = [metadata::RECORDING, metadata::PART, metadata::NEXT, metadata::RECOVERED];
+
 /// Why a recovery failed.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -79,6 +82,8 @@ pub struct Report {
     pub bad_frames: u64,
     /// Seconds of receive time from the first to the last.
     pub seconds: f64,
+    /// Frames that stood in the files a second time; each is in the new log once.
+    pub frames_twice: u64,
     /// Frames that the numbers prove missing.
     pub frames_lost: u64,
     /// Of these, frames missing where the file is damaged; the others never reached it.
@@ -273,13 +278,17 @@ impl Recovery {
             }
         }
         self.report.files_missing += u64::from(given_up);
+        self.report.frames_twice += reader.frames_twice();
         for (name, entries) in reader.metadata() {
-            if !matches!(name.as_str(), metadata::PART | metadata::NEXT | metadata::RECOVERED) {
+            if !SAID.contains(&name.as_str()) {
                 // Frames know better who sent them.
                 self.described.entry(name.clone()).or_insert_with(|| entries.clone());
             }
         }
-        // Nothing behind it says what it cost.
+        // Nothing behind it says what it cost, unless it is the index that is hit.
+        if let Some(hole) = self.hole.as_mut().filter(|hole| reader.unread() > hole.unread) {
+            hole.frames = hole.frames.filter(|_| reader.data_end().is_some_and(|end| hole.offset > end));
+        }
         self.close(reader.unread());
         let following = files.get(number + 1).map(PathBuf::as_path);
         if let Some(what) = log::torn(&files[0], file, reader.metadata(), following).filter(|_| !self.is_piece) {
@@ -305,9 +314,11 @@ impl Recovery {
 
     /// What whoever opens the new log must know of it before anything else: which file of a recording it takes the place of, and what is in it.
     fn begin(&mut self, first: &log::Reader, from: &str) -> Result<(), Error> {
-        if let Some(part) = first.metadata().get(metadata::PART) {
-            self.is_piece = true;
-            self.log.metadata(metadata::PART, part.clone())?;
+        self.is_piece = first.metadata().contains_key(metadata::PART);
+        for name in [metadata::RECORDING, metadata::PART] {
+            if let Some(said) = first.metadata().get(name) {
+                self.log.metadata(name, said.clone())?;
+            }
         }
         Ok(self.log.metadata(metadata::RECOVERED, [("from".to_owned(), from.to_owned())].into())?)
     }

@@ -85,7 +85,7 @@ fn a_drive_on_the_emulated_board_is_steered_from_the_page_and_verifies() {
     drop(server);
 
     let last = &state["last_recording"];
-    assert_eq!((&last["lost"], &last["error"]), (&json!(0), &json!(null)));
+    assert_eq!((&last["frames_lost"], &last["bytes_lost"], &last["error"]), (&json!(0), &json!(0), &json!(null)));
     let path = folder.path().join("bench.log.mcap");
     let report = verify::verify(&path, |_| ()).expect("a readable log");
     assert_eq!(report.problems, []);

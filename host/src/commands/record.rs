@@ -124,7 +124,15 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 /// A recording in one line.
 fn line(summary: &Summary) -> String {
     let Summary { seconds, frames, profiles, bad_frames, missing_frames, reconnects, .. } = summary;
-    format!(
+    let mut told = format!(
         "{seconds:.1} s, {frames} frames, {profiles} profiles, {bad_frames} bad, {missing_frames} missing, {reconnects} reconnects"
-    )
+    );
+    // Bytes without room are no frames yet, and gaps without a count no number of them.
+    if summary.bytes_lost > 0 {
+        told += &format!(", {} bytes lost", summary.bytes_lost);
+    }
+    if summary.unknown_gaps > 0 {
+        told += &format!(", {} gaps of unknown length", summary.unknown_gaps);
+    }
+    told
 }

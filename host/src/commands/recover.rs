@@ -109,6 +109,12 @@ fn summary(report: &Report) -> Vec<String> {
     if report.restarts > 0 {
         said.push(format!("restarts of the board: {}; what it had not sent before is not known", report.restarts));
     }
+    if report.frames_twice > 0 {
+        let twice = report.frames_twice;
+        said.push(format!(
+            "frames that stood twice, as of a block that the disk has written twice: {twice}; each is kept once"
+        ));
+    }
     let elsewhere = report.frames_lost - report.frames_lost_in_file;
     if elsewhere > 0 {
         said.push(format!("of the frames lost, {elsewhere} never reached the log: the link, or the board, lost them"));

@@ -1,6 +1,6 @@
 //! What recordings have come to: shared by the thread that records and those that show it.
 
-use super::state::{Phase, Recording};
+use super::state::{Lost, Phase, Recording};
 use crate::output;
 use crate::record::Summary;
 
@@ -30,7 +30,7 @@ impl Shared {
             ended.error.get_or_insert(error.to_string());
         }
         let now = Losses::of(&self.summary);
-        ended.lost = now.on_the_way.saturating_sub(before.on_the_way);
+        ended.lost = now.on_the_way.since(before.on_the_way);
         ended.lost_on_board = now.on_board.saturating_sub(before.on_board);
         // A boot that shows in the board's time alone begins no segment.
         ended.restarts = ended.restarts.max(now.restarts.saturating_sub(before.restarts));
@@ -46,7 +46,7 @@ impl Shared {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Losses {
     /// On the way from the board.
-    pub on_the_way: u64,
+    pub on_the_way: Lost,
     /// By the board's own count.
     on_board: u64,
     restarts: u64,
@@ -55,13 +55,9 @@ pub(super) struct Losses {
 impl Losses {
     pub fn of(summary: &Summary) -> Self {
         Self {
-            on_the_way: on_the_way(summary),
+            on_the_way: Lost::of(summary),
             on_board: summary.totals.losses_since().values().sum(),
             restarts: summary.totals.restarts(),
         }
     }
-}
-
-pub(super) fn on_the_way(summary: &Summary) -> u64 {
-    summary.bad_frames + summary.missing_frames + summary.unknown_gaps + summary.bytes_lost
 }

@@ -386,8 +386,11 @@ impl Model {
             Notice::LastFile => {
                 self.faults.note(notice.to_string(), "Record to another folder, or under another name.")
             }
+            Notice::NoNextFile { .. } => self
+                .faults
+                .note(notice.to_string(), "Look after the folder, or record to another one: nothing is lost so far."),
             Notice::Mute { .. } => self.faults.note(notice.to_string(), "Connect where commands can be sent."),
-            Notice::Board { .. } | Notice::InForce { .. } => {}
+            Notice::Board { .. } | Notice::InForce { .. } | Notice::NextFile => {}
         }
     }
 

@@ -8,7 +8,7 @@ use super::faults::Fault;
 use super::lamps::Lamp;
 use super::player::Transport;
 use super::rock_test::RockTest;
-use crate::record::Amiss;
+use crate::record::{Amiss, Summary};
 
 /// Everything but sections, charts and track.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -101,6 +101,54 @@ pub enum Phase {
     Ending,
 }
 
+/// What was lost between board and log, each in its own unit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Lost {
+    /// Frames that are damaged, or missing by their numbers.
+    pub frames_lost: u64,
+    /// Bytes that found no room, because the log could not be written fast enough.
+    pub bytes_lost: u64,
+    /// Gaps too long for the numbers to count.
+    pub unknown_gaps: u64,
+}
+
+impl Lost {
+    /// What a connection has lost so far.
+    #[must_use]
+    pub fn of(summary: &Summary) -> Self {
+        Self {
+            frames_lost: summary.bad_frames + summary.missing_frames,
+            bytes_lost: summary.bytes_lost,
+            unknown_gaps: summary.unknown_gaps,
+        }
+    }
+
+    /// What was lost since.
+    #[must_use]
+    pub fn since(self, before: Self) -> Self {
+        Self {
+            frames_lost: self.frames_lost.saturating_sub(before.frames_lost),
+            bytes_lost: self.bytes_lost.saturating_sub(before.bytes_lost),
+            unknown_gaps: self.unknown_gaps.saturating_sub(before.unknown_gaps),
+        }
+    }
+
+    /// In words, each with its unit; none where nothing was lost.
+    pub fn words(self) -> impl Iterator<Item = String> + use<> {
+        let counted = |count: u64, one: &str, many: &str| {
+            (count > 0).then(|| format!("{count} {} lost", if count == 1 { one } else { many }))
+        };
+        let gaps = match self.unknown_gaps {
+            0 => None,
+            1 => Some("1 gap of unknown length".to_owned()),
+            gaps => Some(format!("{gaps} gaps of unknown length")),
+        };
+        [counted(self.frames_lost, "frame", "frames"), counted(self.bytes_lost, "byte", "bytes"), gaps]
+            .into_iter()
+            .flatten()
+    }
+}
+
 /// A recording.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Recording {
@@ -120,8 +168,9 @@ pub struct Recording {
     pub profiles: u64,
     /// Markers among them.
     pub markers: u64,
-    /// Frames lost between board and log, damaged, and bytes without room.
-    pub lost: u64,
+    /// What was lost between board and log.
+    #[serde(flatten)]
+    pub lost: Lost,
     /// What the board has counted as lost meanwhile: known when the recording has ended.
     pub lost_on_board: u64,
     /// Times that the board booted within it: what was under way is lost, and nobody knows how much that is.
@@ -139,13 +188,10 @@ impl Recording {
     #[must_use]
     pub fn amiss(&self) -> Vec<String> {
         let Self { frames, lost, lost_on_board, restarts, disconnected, unconfigured, ref error, .. } = *self;
-        let said = [
-            error.as_ref().map(|error| format!("ended early: {error}")),
-            (lost > 0).then(|| format!("{lost} lost")),
-            (lost_on_board > 0).then(|| format!("{lost_on_board} lost on the board")),
-        ];
+        let early = error.as_ref().map(|error| format!("ended early: {error}"));
+        let on_board = (lost_on_board > 0).then(|| format!("{lost_on_board} lost on the board"));
         let end = Amiss { frames, restarts, disconnected, unconfigured };
-        said.into_iter().flatten().chain(end.words()).collect()
+        early.into_iter().chain(lost.words()).chain(on_board).chain(end.words()).collect()
     }
 
     /// Whether nothing is [`amiss`](Self::amiss).

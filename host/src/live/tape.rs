@@ -16,11 +16,11 @@ use std::time::{Duration, Instant};
 
 use crossfall_core::protocol::message::{Command, Message, Session};
 
-use super::account::{Losses, Shared, on_the_way};
+use super::account::{Losses, Shared};
 use super::commands::Commands;
 use super::drive_name::drive_name;
 use super::session::{Heard, Order};
-use super::state::{Phase, Recording};
+use super::state::{Lost, Phase, Recording};
 use crate::record::space::{RESERVE, Space, Watch};
 use crate::record::{ANSWER, Tape};
 use crate::{log, output};
@@ -318,14 +318,14 @@ impl Tape for LiveTape {
             let seconds = self.began.elapsed().as_secs_f64();
             let before = self.before.on_the_way;
             self.share(|shared| {
-                let lost_now = on_the_way(&shared.summary);
+                let lost = Lost::of(&shared.summary).since(before);
                 let recording = &mut shared.recording;
                 recording.seconds = seconds;
                 recording.frames += 1;
                 recording.bytes += raw.len() as u64;
                 recording.profiles += u64::from(matches!(message, Some(Message::Profile(_))));
                 recording.markers += u64::from(matches!(message, Some(Message::Marker(_))));
-                recording.lost = lost_now.saturating_sub(before);
+                recording.lost = lost;
             });
         }
         // The viewers' model may be behind: the recording does not wait for it.
@@ -364,8 +364,11 @@ impl Tape for LiveTape {
         }
     }
 
-    fn is_last(&self) -> bool {
-        matches!(&self.step, Step::Recording { log } | Step::Ending { log, .. } if log.is_last())
+    fn grows_on(&self) -> Option<log::GrowsOn> {
+        match &self.step {
+            Step::Recording { log } | Step::Ending { log, .. } => log.grows_on(),
+            _ => None,
+        }
     }
 
     fn settle(&mut self, now_ns: u64) -> Result<(), output::Error> {

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use crossfall_core::protocol::message::Message;
+use mcap::records::{Record, op};
 
 use crate::config;
 
@@ -13,7 +14,9 @@ pub type Entries = BTreeMap<String, String>;
 pub const IDENTITY: &str = "identity";
 /// The configuration in force, as TOML under the key `toml`.
 pub const CONFIG: &str = "config";
-/// In every file of a recording but the first: its `number`, counted from 1, and the file `before` it.
+/// In the first file of a recording of a stream that cannot be had again: its `id`, 32 hexadecimal digits that no other one has.
+pub const RECORDING: &str = "recording";
+/// In every file of a recording but the first: its `number`, counted from 1, the file `before` it, and the id of the `recording`.
 pub const PART: &str = "part";
 /// At the end of a file that another one follows: the `name` of that.
 pub const NEXT: &str = "next";
@@ -23,6 +26,12 @@ pub const SEGMENT: &str = "segment";
 pub const RECOVERED: &str = "recovered";
 /// The drive is a simulated one, which can be made again: its `seed`.
 pub const SIMULATED: &str = "simulated";
+
+/// The id of the recording that a file belongs to; none of those that were recorded before there were any, and of those that can be made again.
+pub(super) fn recording_of(metadata: &BTreeMap<String, Entries>) -> Option<&str> {
+    let first = metadata.get(RECORDING).and_then(|recording| recording.get("id"));
+    first.or_else(|| metadata.get(PART)?.get("recording")).map(String::as_str)
+}
 
 /// Name and entries of the record that says what a message does, if one does: who the board is, and how it is configured.
 #[must_use]
@@ -40,4 +49,16 @@ pub fn of(message: &Message<'_>) -> Option<(&'static str, Entries)> {
         _ => return None,
     };
     Some((name, entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()))
+}
+
+/// Name and entries of a metadata record's body.
+pub(super) fn parse(body: &[u8]) -> Option<(String, Entries)> {
+    match mcap::parse_record(op::METADATA, body) {
+        // It fills its length, or the length is wrong.
+        Ok(Record::Metadata(found)) => {
+            let pairs: usize = found.metadata.iter().map(|(key, value)| 8 + key.len() + value.len()).sum();
+            (8 + found.name.len() + pairs == body.len()).then_some((found.name, found.metadata))
+        }
+        _ => None,
+    }
 }

@@ -1,22 +1,20 @@
-//! A recording of several files, read as the one stream that it is.
+//! The files of a recording: which of those that are there belong to it.
 //!
 //! A live log that grows too large goes on in another file (`drive.log.mcap`, `drive.log.part0002.mcap`, ...), which says in its `part` metadata which
 //! file was before it; that one names it in its `next` metadata when it is closed. Who names the first file means the drive: [`Parts::of`] finds the
 //! others by their names and takes those that say that they follow, also where one between them is damaged or gone, and behind them what cannot be
-//! read and has the number that comes next. One that says nothing of the kind, or was recorded before the first began (an older drive of the same name), is
-//! left alone, and that is told. So is one whose frames are in another already, because `recover` has made that from it.
+//! read and has the number that comes next. One that says nothing of the kind, that says that it belongs to another
+//! recording, or was recorded before the first began (an older drive of the same name), is left alone, and that is told. So is one whose frames are in another already, because `recover` has made that from it.
 //!
 //! That files are gone from the end, the `next` of the last one tells, and a file without an end that it was not closed. What no file tells is
 //! that of a drive recorded before there was a `next`.
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
-use std::ffi::OsStr;
-use std::fs;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use super::{Error, Frame, PARTS, Reader, metadata};
+use super::names::{is_among, number_of, numbers, part_path};
+use super::{Error, Reader, metadata};
 use crate::container;
-use crate::output::folder_of;
 
 /// The files of a recording.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -44,7 +42,7 @@ impl Parts {
         self.files.iter().map(|file| container::size(file)).sum()
     }
 
-    fn behind(first: &Path, opened: &Reader) -> Self {
+    pub(super) fn behind(first: &Path, opened: &Reader) -> Self {
         if let Some(part) = opened.metadata().get(metadata::PART) {
             let said = |key| part.get(key).map_or("?", String::as_str);
             let (number, before) = (said("number"), said("before"));
@@ -68,6 +66,8 @@ struct Search<'a> {
     held: Held,
     /// The first was recovered from files of another name: those of this name are another drive's.
     is_renamed: bool,
+    /// What recording it is: as the first file says, or if it does not, the first of the others that does.
+    recording: Option<String>,
     /// Number of the last file that was taken.
     last: u32,
     /// Files that do not say what they follow, and whether damage may be the reason.
@@ -82,7 +82,18 @@ impl<'a> Search<'a> {
         let mut held = Held::default();
         held.note(first, opened);
         let is_renamed = !held.files.is_empty() && held.by(first).is_none();
-        Self { first, opened, parts, held, is_renamed, last: 1, silent: BTreeMap::new(), left: BTreeSet::new() }
+        let recording = metadata::recording_of(opened.metadata()).map(str::to_owned);
+        Self {
+            first,
+            opened,
+            parts,
+            held,
+            is_renamed,
+            recording,
+            last: 1,
+            silent: BTreeMap::new(),
+            left: BTreeSet::new(),
+        }
     }
 
     /// Takes the file that says that it follows, or the reason why it is left; one that says nothing waits for [`Search::finish`].
@@ -108,11 +119,20 @@ impl<'a> Search<'a> {
             self.silent.insert(number, reader.is_damaged());
             return Ok(());
         };
-        let follows = self.followed(number, before).ok_or_else(|| format!("it says that it follows {before}"))?;
         if self.opened.begin_ns().zip(reader.begin_ns()).is_some_and(|(first, this)| this < first) {
             return Err("it was recorded earlier".to_owned());
         }
-        if follows > self.last {
+        let recording = metadata::recording_of(reader.metadata());
+        if is_other(self.recording.as_deref(), &reader) {
+            return Err("it is a file of another recording".to_owned());
+        }
+        let is_proved = recording.is_some() && recording == self.recording.as_deref();
+        let follows =
+            self.followed(number, before, is_proved).ok_or_else(|| format!("it says that it follows {before}"))?;
+        if self.left.contains(&follows) {
+            let (place, path) = (part_path(self.first, follows), path.display());
+            self.parts.remarks.push(format!("{}: is in the place of the file that {path} follows", place.display()));
+        } else if follows > self.last {
             let between = part_path(self.first, follows);
             if self.silent.remove(&follows).is_none() {
                 let (missing, path) = (between.display(), path.display());
@@ -120,18 +140,21 @@ impl<'a> Search<'a> {
             }
             self.parts.files.push(between);
         }
+        self.recording = self.recording.take().or_else(|| recording.map(str::to_owned));
         self.held.note(&path, &reader);
         self.take(number);
         Ok(())
     }
 
     /// The number of the file that one follows by its own words: the last that was taken, or a later one that is damaged or gone.
-    fn followed(&self, number: u32, before: &str) -> Option<u32> {
+    /// Of a file that proves to be of this recording also one whose place another drive's file has taken.
+    fn followed(&self, number: u32, before: &str, is_proved: bool) -> Option<u32> {
         let before = number_of(self.first, before)?;
         if self.is_held(before) {
             return Some(self.last);
         }
-        (before >= self.last && before < number && !self.left.contains(&before)).then_some(before)
+        let is_ahead = before >= self.last && before < number;
+        (is_ahead && (is_proved || !self.left.contains(&before))).then_some(before)
     }
 
     /// Whether a file taken so far has the frames of this one.
@@ -185,194 +208,15 @@ impl Held {
     }
 }
 
-/// The names of files, and of those that they were recovered from, as [`metadata::RECOVERED`] has them under `from`.
-///
-/// Names and not paths: where they lay is nobody's business who gets the log.
-pub(crate) fn names_of(files: &[PathBuf]) -> String {
-    let mut names = Vec::new();
-    for file in files {
-        names.extend(file.file_name().map(|name| name.to_string_lossy().into_owned()));
-        let recovered = Reader::open(file).ok().and_then(|log| log.metadata().get(metadata::RECOVERED).cloned());
-        names.extend(recovered.and_then(|recovered| recovered.get("from").cloned()));
-    }
-    names.join(", ")
-}
-
-/// Whether a name is among those of [`names_of`]; commas may be in names, too.
-fn is_among(name: &str, from: &str) -> bool {
-    format!(", {from}, ").contains(&format!(", {name}, "))
-}
-
 /// The name of the file that a log says it follows.
-fn before(log: &Reader) -> Option<&str> {
+pub(super) fn before(log: &Reader) -> Option<&str> {
     log.metadata().get(metadata::PART)?.get("before").map(String::as_str)
 }
 
-fn has_name(path: &Path, name: &str) -> bool {
-    path.file_name().map(OsStr::to_string_lossy).is_some_and(|found| found == name)
-}
-
-/// What is wrong where a file of a recording ends. With its metadata it names the one that follows it, which is neither `next` nor there, or does not say that
-/// it follows. `first` is the file that all their names are made of.
-pub(crate) fn torn(
-    first: &Path,
-    file: &Path,
-    metadata: &BTreeMap<String, BTreeMap<String, String>>,
-    next: Option<&Path>,
-) -> Option<String> {
-    let name = metadata.get(metadata::NEXT)?.get("name")?;
-    if next.is_some_and(|next| has_name(next, name)) {
-        return None;
-    }
-    let from = metadata.get(metadata::RECOVERED).and_then(|recovered| recovered.get("from"));
-    let is_this = |name: &str| has_name(file, name) || from.is_some_and(|from| is_among(name, from));
-    // A name that is found in a file is no path: only its number is taken from it.
-    let follower = number_of(first, name).map(|number| part_path(first, number)).filter(|path| path.exists());
-    match follower.map(|path| Reader::open(&path)) {
-        None => Some(format!("goes on in {name}, which is not there")),
-        Some(Err(_)) => Some(format!("goes on in {name}, which cannot be read")),
-        // Not asked for, and there.
-        Some(Ok(log)) if before(&log).is_some_and(is_this) => None,
-        Some(Ok(_)) => Some(format!("goes on in {name}, which does not say that it follows")),
-    }
-}
-
-/// `drive.log.mcap` -> `drive.log.part0002.mcap`: behind the first in the order of names.
-pub(super) fn part_path(first: &Path, number: u32) -> PathBuf {
-    let extension = first.extension().unwrap_or_default().to_string_lossy().into_owned();
-    let extension =
-        if extension.is_empty() { format!("part{number:04}") } else { format!("part{number:04}.{extension}") };
-    first.with_extension(extension)
-}
-
-/// Which file of a recording has a name: 1 is the first.
-fn number_of(first: &Path, name: &str) -> Option<u32> {
-    if has_name(first, name) {
-        return Some(1);
-    }
-    let stem = first.file_stem()?.to_string_lossy();
-    let digits = name.strip_prefix(&*stem)?.strip_prefix(".part")?;
-    let digits = digits.split('.').next()?;
-    let number = digits.parse().ok().filter(|number| (2..=PARTS).contains(number))?;
-    has_name(&part_path(first, number), name).then_some(number)
-}
-
-/// Which files of such names there are behind the first.
-fn numbers(first: &Path) -> BTreeSet<u32> {
-    let Ok(entries) = fs::read_dir(folder_of(first)) else { return BTreeSet::new() };
-    let names = entries.flatten().map(|entry| entry.file_name());
-    names.filter_map(|name| number_of(first, &name.to_string_lossy())).filter(|&number| number > 1).collect()
-}
-
-/// Reads the files of a recording one after the other.
-///
-/// Errors are told where they occur; the frames behind them follow. A file that cannot be opened is one, and so is the end of one that goes on in a file
-/// that is not there, unless the first is itself a later file of a recording, and read for what it is.
-#[derive(Debug)]
-pub struct Recording {
-    reader: Reader,
-    /// The first file.
-    first: PathBuf,
-    /// The one under way, while its end is to be held against what follows.
-    path: Option<PathBuf>,
-    /// Whether the first is a later file of a recording.
-    is_piece: bool,
-    /// Files that follow.
-    next: VecDeque<PathBuf>,
-    file: usize,
-    /// Size of the file under way, and of those before it.
-    size: u64,
-    before: u64,
-}
-
-impl Recording {
-    /// Opens the recording that begins with a file, see [`Parts`].
-    ///
-    /// # Errors
-    /// As of [`Reader::open`], of the first.
-    pub fn open(first: &Path) -> Result<Self, Error> {
-        let reader = Reader::open(first)?;
-        let parts = Parts::behind(first, &reader);
-        Ok(Self::over(first, reader, &parts.files[1..]))
-    }
-
-    /// Opens these files and no others, in this order. Those behind the first are opened when their turn comes.
-    ///
-    /// # Errors
-    /// As of [`Reader::open`], of the first.
-    pub fn open_all(first: &Path, others: &[PathBuf]) -> Result<Self, Error> {
-        Ok(Self::over(first, Reader::open(first)?, others))
-    }
-
-    fn over(first: &Path, reader: Reader, others: &[PathBuf]) -> Self {
-        Self {
-            first: first.to_path_buf(),
-            path: Some(first.to_path_buf()),
-            is_piece: reader.metadata().contains_key(metadata::PART),
-            next: others.iter().cloned().collect(),
-            file: 0,
-            size: reader.size(),
-            before: 0,
-            reader,
-        }
-    }
-
-    /// What is wrong at the end of the file under way, once.
-    fn torn(&mut self) -> Option<Error> {
-        let path = self.path.take().filter(|_| !self.is_piece)?;
-        let what = torn(&self.first, &path, self.reader.metadata(), self.next.front().map(PathBuf::as_path))?;
-        Some(Error::Damaged { path, offset: self.size, what })
-    }
-
-    /// Metadata of the file under way, as far as it has been read.
-    #[must_use]
-    pub fn metadata(&self) -> &BTreeMap<String, BTreeMap<String, String>> {
-        self.reader.metadata()
-    }
-
-    /// Bytes of damaged places of the file under way that gave no frame, so far.
-    #[must_use]
-    pub fn unread(&self) -> u64 {
-        self.reader.unread()
-    }
-
-    /// 0-based number of the file under way.
-    #[must_use]
-    pub fn file(&self) -> usize {
-        self.file
-    }
-
-    /// Bytes in the files before it.
-    #[must_use]
-    pub fn before(&self) -> u64 {
-        self.before
-    }
-}
-
-impl Iterator for Recording {
-    type Item = Result<Frame, Error>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        loop {
-            if let Some(item) = self.reader.next() {
-                if matches!(item, Err(Error::Interrupted)) {
-                    self.next.clear();
-                    self.path = None;
-                }
-                return Some(item);
-            }
-            if let Some(error) = self.torn() {
-                return Some(Err(error));
-            }
-            let path = self.next.pop_front()?;
-            self.file += 1;
-            self.before += std::mem::take(&mut self.size);
-            match Reader::open(&path) {
-                Ok(reader) => (self.size, self.reader, self.path) = (reader.size(), reader, Some(path)),
-                Err(error) => return Some(Err(error)),
-            }
-        }
-    }
+/// Whether a log says that it belongs to another recording than this one. One that does not say to which it belongs was recorded before there were
+/// numbers for it, or its first words are damaged.
+pub(super) fn is_other(recording: Option<&str>, log: &Reader) -> bool {
+    recording.zip(metadata::recording_of(log.metadata())).is_some_and(|(this, that)| this != that)
 }
 
 #[cfg(test)]
@@ -381,8 +225,10 @@ mod tests {
     use crossfall_core::protocol::frame::{MAX_MESSAGE_FRAME, Sequencer};
     use crossfall_core::protocol::message::{Message, Pulse, PulseVerdict};
 
+    use std::fs;
+
     use super::*;
-    use crate::log::{Options, Writer};
+    use crate::log::{Options, Recording, Writer};
 
     const T: u64 = 1_790_000_000_000_000_000;
 
@@ -468,6 +314,48 @@ mod tests {
         assert_eq!(parts.remarks.len(), 3, "{parts:?}");
         assert!(parts.remarks[0].contains("part0002.mcap: is not read with") && parts.remarks[0].ends_with("earlier"));
         assert_eq!(count(&new[0]), (300, 0));
+    }
+
+    /// Two drives of one name, recorded in two folders and put into one: all that names and times say is that they follow each other.
+    #[test]
+    fn a_file_of_another_drive_of_the_same_name_does_not_continue_this_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let [here, there] = ["here", "there"].map(|name| folder.path().join(name));
+        [&here, &there].into_iter().for_each(|folder| fs::create_dir(folder).unwrap());
+        let ours = record(&here, "a.log.mcap", T);
+        let theirs = record(&there, "a.log.mcap", T + 60_000_000_000);
+        let last = fs::read(&ours[2]).unwrap();
+        // Their end in the place of ours.
+        fs::copy(&theirs[2], &ours[2]).unwrap();
+        let parts = Parts::of(&ours[0]).unwrap();
+        assert_eq!(parts.files, ours[..2]);
+        assert!(parts.remarks[0].ends_with("it is a file of another recording"), "{parts:?}");
+        let told = errors(&ours[0]);
+        let expected = "goes on in a.log.part0003.mcap, and that is a file of another recording";
+        assert!(told.len() == 1 && told[0].ends_with(expected), "{told:?}");
+        assert_eq!(count(&ours[0]), (200, 1));
+        // Their middle in the place of ours: our end is read all the same.
+        fs::write(&ours[2], &last).unwrap();
+        fs::copy(&theirs[1], &ours[1]).unwrap();
+        let parts = Parts::of(&ours[0]).unwrap();
+        assert_eq!(parts.files, [ours[0].clone(), ours[2].clone()]);
+        assert_eq!(parts.remarks.len(), 2, "{parts:?}");
+        assert_eq!(count(&ours[0]), (200, 1));
+    }
+
+    /// Whose first words are damaged, or were written before recordings had numbers, belongs where its names and times put it.
+    #[test]
+    fn files_that_do_not_say_whose_they_are_follow_by_name_and_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let files = record(folder.path(), "a.log.mcap", T);
+        for file in &files[..2] {
+            let mut bytes = fs::read(file).unwrap();
+            let at = bytes.windows(9).position(|window| window == b"recording").unwrap();
+            bytes[at] ^= 1;
+            fs::write(file, &bytes).unwrap();
+            assert_eq!(Parts::of(&files[0]).unwrap().files, files);
+            assert_eq!(count(&files[0]).0, 300);
+        }
     }
 
     /// A kill between the next file's name and its first bytes, a disk that has given it its length alone, a bit of its first eight bytes.

@@ -2,32 +2,35 @@
 //!
 //! Three things lead to frames: the records of whole chunks; in a damaged chunk its records as far as they go, and every good frame that
 //! [`salvage`] finds in its bytes; and salvage again between a damaged record and the next chunk. Each damage is told once, before
-//! the frames found in it; the bytes of it that gave none are counted. A file that was closed ends with a CRC over everything before, which is compared when
-//! nothing else was wrong: no changed bit of a closed log goes unnoticed.
+//! the frames found in it; the bytes of it that gave none are counted. The data of a file that was closed end with a CRC over everything before, which is compared when
+//! nothing else was wrong there, and the index behind them with another: no changed bit of a closed log goes unnoticed.
 //!
 //! What the disk cannot read is zeros, told as damage, and all around it is found as around any other. A file whose very first bytes are damaged is
 //! a log all the same where its end or its chunks say so.
 //!
 //! Memory: one chunk, or one window of a stretch without structure.
 
+mod stretch;
+
 use std::collections::{BTreeMap, VecDeque};
+use std::ops::Range;
 use std::path::Path;
 
-use mcap::records::{Record, op};
+use mcap::records::op;
 
-use super::{Error, Frame, TOPIC, WIRE_ID, salvage};
+use super::order::{Order, Settled};
+use super::{Error, Frame, TOPIC, WIRE_ID, metadata, salvage};
 use crate::capture::Channel;
-use crate::container::{Container, Entry, Message};
+use crate::container::{Container, Entry, Index, Message};
 use crate::interrupt;
-
-/// Bytes of a stretch without structure that are looked at in one go.
-const WINDOW: usize = 1 << 16;
-
-/// Bytes in which frames are looked for at the beginning of a file that does not begin as it should.
-const LOOK: usize = 1 << 20;
+use stretch::Stretch;
 
 /// Damages after which such a file is a log without frames so far.
 const FIRST_DAMAGES: usize = 1_000;
+
+/// Bytes in which frames are looked for that a later one stands before, and times a file's size that may be looked through so.
+const AHEAD: usize = 1 << 20;
+const AHEAD_TIMES: u64 = 4;
 
 /// A record of bookkeeping longer than this hides something: an index has 16 bytes a frame, a chunk at most some thousands of these.
 const MAX_BOOKKEEPING: u64 = 1 << 20;
@@ -47,10 +50,18 @@ pub struct Reader {
     capture: bool,
     /// What has no structure and is searched for frames.
     stretch: Option<Stretch>,
+    /// Where the latest chunk ends that is damaged, and the last frame in it: the next one may lie across its end.
+    frayed: Option<(u64, u64)>,
     /// Receive time of the latest frame.
     latest_ns: u64,
     /// Bytes of damaged places that gave no frame.
     unread: u64,
+    /// What `unread` was before the step under way.
+    unread_at_step: u64,
+    /// Which records have been read.
+    order: Order,
+    /// Bytes that were looked through ahead.
+    looked: u64,
     /// Where the latest damage ends; 0 when there was none.
     damaged_to: u64,
     /// What `unread` was before it.
@@ -60,25 +71,6 @@ pub struct Reader {
     done: bool,
     /// Whether it was told that the user asked to stop.
     stopped: bool,
-}
-
-/// Bytes that are searched for frames.
-#[derive(Debug)]
-struct Stretch {
-    begin: u64,
-    /// What has been searched.
-    at: u64,
-    end: u64,
-    /// Where the last frame found ends.
-    found_to: u64,
-    /// Bytes of the frames found, with their heads.
-    covered: u64,
-}
-
-impl Stretch {
-    fn new(begin: u64, end: u64) -> Self {
-        Self { begin, at: begin, end, found_to: begin, covered: 0 }
-    }
 }
 
 impl Reader {
@@ -99,8 +91,12 @@ impl Reader {
             foreign: false,
             capture: false,
             stretch: None,
+            frayed: None,
             latest_ns: 0,
             unread: 0,
+            unread_at_step: 0,
+            order: Order::default(),
+            looked: 0,
             damaged_to: 0,
             unread_before: 0,
             data_end: None,
@@ -157,6 +153,18 @@ impl Reader {
         self.unread
     }
 
+    /// Where the record begins that ends the data, once it is reached: what is damaged behind it costs no frame.
+    #[must_use]
+    pub fn data_end(&self) -> Option<u64> {
+        self.data_end.map(|(place, _)| place)
+    }
+
+    /// Frames that stood in the file a second time, so far; each is read once.
+    #[must_use]
+    pub fn frames_twice(&self) -> u64 {
+        self.order.frames_twice()
+    }
+
     /// Whether damage has been told so far.
     #[must_use]
     pub(super) fn is_damaged(&self) -> bool {
@@ -170,31 +178,10 @@ impl Reader {
         (self.damaged_to, self.unread_before)
     }
 
-    /// A file that does not begin as it should: with its records, if they are where they should be, or with the first chunk. What is no log is
-    /// refused before much of it is read.
-    fn begin_damaged(&mut self) -> Result<Option<Error>, Error> {
-        let begin = self.container.bytes(0, LOOK)?;
-        // One frame alone may be noise: where so much of it is looked at, that happens.
-        if !self.container.may_be_damaged()? && salvage::frames(&begin, 0, 0).len() < 2 {
-            return Ok(None);
-        }
-        let begun = self.container.reached();
-        if self.container.goes_on() {
-            (self.unread, self.damaged_to) = (begun, begun.max(1));
-        } else {
-            let end = self.container.resume(0)?.unwrap_or_else(|| {
-                self.container.close();
-                self.container.size()
-            });
-            self.stretch = Some(Stretch::new(0, end));
-            self.damaged_to = end.max(1);
-        }
-        Ok(Some(self.container.damaged(0, "does not begin as an MCAP file".to_owned())))
-    }
-
     /// One step, and before what it gave the places that the disk could not read.
     fn advance(&mut self) {
         let (first, unread) = (self.ready.len(), self.unread);
+        self.unread_at_step = unread;
         self.step();
         let reached = self.container.reached();
         let told_to =
@@ -213,6 +200,9 @@ impl Reader {
         match self.container.next_entry() {
             None => {
                 self.done = true;
+                if let Some((place, what)) = self.order.told_twice() {
+                    self.remark(place, what);
+                }
                 self.check_all();
             }
             Some(Ok(entry)) => self.record(entry),
@@ -244,14 +234,14 @@ impl Reader {
             op::CHANNEL => self.channel(entry),
             // Writers here put every message into a chunk; so it is another one's, or no message.
             op::MESSAGE => self.message(entry),
-            op::METADATA => match self.container.body(entry).map(|body| parse_metadata(&body)) {
+            op::METADATA => match self.container.body(entry).map(|body| metadata::parse(&body)) {
                 Ok(Some((name, entries))) => drop(self.metadata.insert(name, entries)),
                 Ok(None) => self.misread(entry, "a metadata record that is not readable"),
                 Err(error) => self.tell(error, entry.end()),
             },
             op::DATA_END => match self.container.body(entry) {
                 Ok(body) => match <[u8; 4]>::try_from(body).ok() {
-                    Some(crc) => self.data_end = Some((entry.offset, u32::from_le_bytes(crc))),
+                    Some(crc) => self.end_of_data(entry, u32::from_le_bytes(crc)),
                     None => self.misread(entry, "an end of the data that is not readable"),
                 },
                 Err(error) => self.tell(error, entry.end()),
@@ -297,7 +287,9 @@ impl Reader {
                     .into_iter()
                     .partition(|message| salvage::is_certain(message) || salvage::is_frame(&message.data));
                 let none: usize = none.iter().map(|message| salvage::HEAD + message.data.len()).sum();
-                let (all, extra) = merge(messages, found);
+                let (all, extra) = salvage::merge(messages, found);
+                let last = all.iter().rev().find(|message| salvage::is_frame(&message.data));
+                self.frayed = Some((end, last.map_or(entry.offset, salvage::end)));
                 self.unread += (end - entry.offset + none as u64).saturating_sub(contents.read + extra);
                 self.keep(all);
             }
@@ -315,7 +307,9 @@ impl Reader {
 
     fn message(&mut self, entry: Entry) {
         let contents = self.container.contents(entry);
-        let ours = contents.messages.iter().all(|message| Some(message.channel) == self.wire);
+        // The index of a chunk behind one flipped bit of its opcode has no time twice, and proves nothing.
+        let may_be = |message: &Message| salvage::is_certain(message) || salvage::is_frame(&message.data);
+        let ours = contents.messages.iter().all(|message| Some(message.channel) == self.wire && may_be(message));
         let sound = ours && contents.error.is_none();
         // A length that is wrong and fits the file would hide what follows in a message that is no frame.
         let whole = |message: &Message| salvage::is_frame(&message.data);
@@ -352,75 +346,34 @@ impl Reader {
         }
     }
 
-    /// A record that is not what it says: its bytes may be anything, and what follows may begin within it.
-    fn misread(&mut self, entry: Entry, what: &str) {
-        let error = self.container.damaged(entry.offset, what.to_owned());
-        if self.foreign {
-            self.tell(error, entry.end());
-        } else if self.container.goes_on() {
-            // Its length is right, whatever else is not.
-            self.tell(error, entry.end());
-            self.stretch = Some(Stretch::new(entry.offset, entry.end()));
-        } else {
-            self.go_on_behind(error);
-        }
-    }
-
-    /// Damage of the structure: the next chunk is looked for, and frames in between.
-    fn go_on_behind(&mut self, error: Error) {
-        let at = error.offset().unwrap_or_default();
-        let end = match self.container.resume(at) {
-            Ok(Some(next)) => next,
-            Ok(None) => {
-                self.container.close();
-                self.container.size()
-            }
-            Err(failed) => {
-                self.tell(error, at);
-                return self.give_up(at, failed);
-            }
-        };
-        self.tell(error, end);
-        if !self.foreign {
-            self.stretch = Some(Stretch::new(at, end));
-        }
-    }
-
-    /// One window of a stretch without structure. Windows overlap by the longest frame with its head.
-    fn search(&mut self, mut stretch: Stretch) {
-        let room = usize::try_from(stretch.end.saturating_sub(stretch.at)).unwrap_or(usize::MAX);
-        let last = room <= WINDOW;
-        let bytes = match self.container.bytes(stretch.at, room.min(WINDOW)) {
-            Ok(bytes) => bytes,
-            Err(error) => {
-                self.tell(error, stretch.end);
-                self.unread += (stretch.end - stretch.begin).saturating_sub(stretch.covered);
-                return;
-            }
-        };
-        let end = |message: &Message| message.offset + (salvage::HEAD + message.data.len()) as u64;
-        let mut found = salvage::frames(&bytes, stretch.at, self.latest_ns);
-        found.retain(|message| end(message) > stretch.found_to);
-        stretch.found_to = found.last().map_or(stretch.found_to, end);
-        stretch.covered += found.iter().map(|message| (salvage::HEAD + message.data.len()) as u64).sum::<u64>();
-        if self.wire.is_none() && !found.is_empty() {
-            self.wire = Some(WIRE_ID);
-        }
-        self.keep(found);
-        if last {
-            self.unread += (stretch.end - stretch.begin).saturating_sub(stretch.covered);
+    /// The end of the data, and behind it the index. That is looked at as a whole, once: what claims to be an end may stand in a file any number of times.
+    fn end_of_data(&mut self, entry: Entry, crc: u32) {
+        let is_first = self.data_end.is_none();
+        self.data_end = Some((entry.offset, if self.damaged_to == 0 { crc } else { 0 }));
+        if !is_first {
             return;
         }
-        // Behind the last delimiter a frame may be under way, and its head before that: the next window has both.
-        let reach = bytes.iter().rposition(|&byte| byte == 0).map_or(0, |last| last + 1);
-        let taken = reach.max(bytes.len() - salvage::LONGEST).saturating_sub(salvage::HEAD);
-        stretch.at += taken as u64;
-        self.stretch = Some(stretch);
+        match self.container.index(entry.end()) {
+            Ok(None | Some(Index::Sound)) => {}
+            Ok(Some(Index::Damaged(error))) => {
+                let size = self.container.size();
+                self.tell(error, size);
+                if !self.foreign {
+                    self.stretch = Some(Stretch::new(entry.end(), size));
+                }
+            }
+            Err(error) => self.tell(error, entry.end()),
+        }
     }
 
-    /// The CRC over everything before the summary, when nothing else was wrong.
+    /// The CRC over everything before the index, when nothing else was wrong there.
     fn check_all(&mut self) {
-        let Some((end, expected)) = self.data_end.filter(|&(_, crc)| crc != 0 && self.damaged_to == 0) else { return };
+        if self.data_end.is_none() && self.damaged_to == 0 {
+            let size = self.container.size();
+            let error = self.container.damaged(size, "no record says where the data end".to_owned());
+            return self.tell(error, size);
+        }
+        let Some((end, expected)) = self.data_end.filter(|&(_, crc)| crc != 0) else { return };
         match self.container.checksum(end) {
             Ok(actual) if actual == expected => {}
             Ok(actual) => {
@@ -437,6 +390,14 @@ impl Reader {
     /// Keeps messages for whoever reads. A time that its record does not say twice is not taken for later than the next one that is certain, nor for
     /// earlier than the one before: a damaged head must not make time go back.
     fn keep(&mut self, messages: Vec<Message>) {
+        let straight = self.order.follow(&messages);
+        let Settled { messages, told, broken } = if straight == messages.len() {
+            Settled { messages, ..Settled::default() }
+        } else {
+            self.settle(messages, straight)
+        };
+        self.unread += broken;
+        let mut told = told.into_iter().peekable();
         let is_certain = salvage::is_certain;
         let mut next_ns = u64::MAX;
         let mut bounds = Vec::with_capacity(messages.len());
@@ -444,7 +405,10 @@ impl Reader {
             next_ns = if is_certain(message) { message.log_time } else { next_ns };
             bounds.push(next_ns);
         }
-        for mut message in messages {
+        for (number, mut message) in messages.into_iter().enumerate() {
+            while let Some((_, place, what)) = told.next_if(|(before, ..)| *before <= number) {
+                self.remark(place, what);
+            }
             let bound_ns = bounds.pop().unwrap_or(u64::MAX);
             if !is_certain(&message) {
                 let best = salvage::choose(message.log_time, message.publish_time, self.latest_ns);
@@ -455,46 +419,31 @@ impl Reader {
         }
     }
 
+    /// Messages that do not follow each other, put into their order. In a file that is whole so far nothing is looked for further on.
+    fn settle(&mut self, messages: Vec<Message>, straight: usize) -> Settled {
+        let Self { container, order, looked, damaged_to, latest_ns, .. } = self;
+        let most = AHEAD_TIMES.saturating_mul(container.size());
+        order.settle(messages, straight, |from| {
+            if *damaged_to == 0 || *looked > most {
+                return Vec::new();
+            }
+            *looked += AHEAD as u64;
+            // What cannot be read there is told when its place is reached.
+            container.bytes(from, AHEAD).map_or_else(|_| Vec::new(), |bytes| salvage::frames(&bytes, from, *latest_ns))
+        })
+    }
+
+    /// Tells of frames at a place that is no loss.
+    fn remark(&mut self, place: Range<u64>, what: String) {
+        let error = self.container.damaged(place.start, what);
+        (self.damaged_to, self.unread_before) = (self.damaged_to.max(place.end), self.unread_at_step);
+        self.ready.push_back(Err(error));
+    }
+
     /// Tells damage that ends at `to`.
     fn tell(&mut self, error: Error, to: u64) {
         (self.damaged_to, self.unread_before) = (to.max(1), self.unread);
         self.ready.push_back(Err(error));
-    }
-}
-
-/// What records led to and what was found without them, in the order of the file. A frame that proves itself is believed before a record that overlaps
-/// it. Also the bytes of found frames to which no record led.
-fn merge(records: Vec<Message>, found: Vec<Message>) -> (Vec<Message>, u64) {
-    let extent = |message: &Message| message.offset..message.offset + (salvage::HEAD + message.data.len()) as u64;
-    let mut extra = 0;
-    let mut all: Vec<Message> = Vec::with_capacity(records.len());
-    let mut records = records.into_iter().peekable();
-    for good in found {
-        // In a compressed chunk all records have the chunk's own place; nothing is found there.
-        while let Some(record) = records.next_if(|record| extent(record).end <= good.offset) {
-            all.push(record);
-        }
-        let mut same = None;
-        while let Some(record) = records.next_if(|record| extent(record).start < extent(&good).end) {
-            if record.data == good.data {
-                same = Some(record);
-            }
-        }
-        extra += if same.is_some() { 0 } else { (salvage::HEAD + good.data.len()) as u64 };
-        all.push(same.unwrap_or(good));
-    }
-    all.extend(records);
-    (all, extra)
-}
-
-fn parse_metadata(body: &[u8]) -> Option<(String, BTreeMap<String, String>)> {
-    match mcap::parse_record(op::METADATA, body) {
-        // It fills its length, or the length is wrong.
-        Ok(Record::Metadata(found)) => {
-            let pairs: usize = found.metadata.iter().map(|(key, value)| 8 + key.len() + value.len()).sum();
-            (8 + found.name.len() + pairs == body.len()).then_some((found.name, found.metadata))
-        }
-        _ => None,
     }
 }
 

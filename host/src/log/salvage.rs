@@ -46,6 +46,7 @@ pub fn frames(bytes: &[u8], base: u64, near_ns: u64) -> Vec<Message> {
                 // A frame without room for a head before it has the place where that would be, so that places rise and extents are true.
                 offset: (base + place as u64).saturating_sub(HEAD as u64),
                 channel: WIRE_ID,
+                sequence: number(bytes, place),
                 log_time: time,
                 publish_time: if proved { time } else { DOUBTFUL },
                 data: bytes[place..end].to_vec(),
@@ -54,6 +55,17 @@ pub fn frames(bytes: &[u8], base: u64, near_ns: u64) -> Vec<Message> {
         start = end;
     }
     found
+}
+
+/// The record's number in the head before a frame at `place`; worth as much as its time.
+fn number(bytes: &[u8], place: usize) -> u32 {
+    let head = place.checked_sub(HEAD).and_then(|from| bytes.get(from + 11..));
+    head.and_then(<[u8]>::first_chunk).map_or(0, |number| u32::from_le_bytes(*number))
+}
+
+/// Where a message's record ends.
+pub fn end(message: &Message) -> u64 {
+    message.offset + (HEAD + message.data.len()) as u64
 }
 
 /// Whether bytes are one good frame and nothing else.
@@ -70,6 +82,31 @@ pub fn is_certain(message: &Message) -> bool {
 /// Which of two times that should be the same is believed: what is nearer to the frame before.
 pub fn choose(a: u64, b: u64, near_ns: u64) -> u64 {
     if near_ns == 0 || a.abs_diff(near_ns) <= b.abs_diff(near_ns) { a } else { b }
+}
+
+/// What records led to and what was found without them, in the order of the file. A frame that proves itself is believed before a record that overlaps
+/// it. Also the bytes of found frames to which no record led.
+pub fn merge(records: Vec<Message>, found: Vec<Message>) -> (Vec<Message>, u64) {
+    let extent = |message: &Message| message.offset..end(message);
+    let mut extra = 0;
+    let mut all: Vec<Message> = Vec::with_capacity(records.len());
+    let mut records = records.into_iter().peekable();
+    for good in found {
+        // In a compressed chunk all records have the chunk's own place; nothing is found there.
+        while let Some(record) = records.next_if(|record| extent(record).end <= good.offset) {
+            all.push(record);
+        }
+        let mut same = None;
+        while let Some(record) = records.next_if(|record| extent(record).start < extent(&good).end) {
+            if record.data == good.data {
+                same = Some(record);
+            }
+        }
+        extra += if same.is_some() { 0 } else { (HEAD + good.data.len()) as u64 };
+        all.push(same.unwrap_or(good));
+    }
+    all.extend(records);
+    (all, extra)
 }
 
 /// The receive time in the head before a frame at `place`, and whether the head proves it; without one, that of the frame before.

@@ -41,7 +41,12 @@ pub(super) fn create(path: &Path) -> io::Result<Box<dyn Storage>> {
             Err(TryLockError::WouldBlock) => thread::sleep(LOCK_PAUSE),
         }
     }
-    sync_folder(path)?;
+    if let Err(error) = sync_folder(path) {
+        // A name that may not survive is none, and must not be taken for a file that was written.
+        drop(file);
+        drop(std::fs::remove_file(path));
+        return Err(error);
+    }
     Ok(Box::new(file))
 }
 

@@ -1,15 +1,17 @@
 //! Writing a log: chunks closed by time, one file after the other when one is full, nothing ever written over.
 
 use std::collections::BTreeMap;
+use std::fs;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::mem;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use mcap::records::{MessageHeader, Metadata};
 
-use super::parts::part_path;
+use super::names::{has_room, part_path};
 use super::storage::{self, Storage};
 use super::{CHUNK_NS, TOPIC, WIRE_ID, metadata};
 use crate::capture::unwritable;
@@ -21,8 +23,27 @@ const CHUNK_BYTES: u64 = 1 << 20;
 /// The highest number of a file. The one that gets it, or finds no free one behind its own, is the recording's last and grows on.
 pub const PARTS: u32 = 9_999;
 
-/// A file that follows another.
-type Successor = (PathBuf, Box<dyn Storage>);
+/// Receive time after which the next file is tried again where it could not be made: a minute.
+const RETRY_NS: u64 = 60_000_000_000;
+
+/// A file that follows another, and what it begins with is on the disk.
+struct Successor {
+    path: PathBuf,
+    mcap: mcap::Writer<Sink>,
+    written: Arc<AtomicU64>,
+}
+
+/// Why a file grows beyond its bounds.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum GrowsOn {
+    /// The numbers of files are used up, now and later.
+    Numbers,
+    /// The next file could not be made; it is tried again a minute later.
+    NoNext {
+        /// What the operating system said, and of which file.
+        why: String,
+    },
+}
 
 /// Makes the storage of a file that must not exist.
 type Opener = Box<dyn FnMut(&Path) -> io::Result<Box<dyn Storage>> + Send>;
@@ -58,6 +79,10 @@ pub struct Writer {
     options: Options,
     /// How the next file is made; absent from logs that appear whole, and when all numbers are taken.
     open: Option<Opener>,
+    /// When the next file could not be made, in receive time, and why.
+    blocked: Option<(u64, String)>,
+    /// What makes this recording another than any else, in hexadecimal digits: only of streams that cannot be had again.
+    identity: Option<String>,
     mcap: mcap::Writer<Sink>,
     /// Bytes that have left `mcap` for this file; shared with its sink.
     written: Arc<AtomicU64>,
@@ -93,8 +118,9 @@ impl Writer {
     /// [`Writer::create_live`] with options. The second file of `drive.log.mcap` is `drive.log.part0002.mcap`, and so on.
     ///
     /// # Errors
-    /// When the file cannot be written or exists already.
+    /// When the file cannot be written or exists already, or its name is too long for those of the files that may follow it.
     pub fn create_with(path: &Path, options: Options) -> Result<Self, output::Error> {
+        has_room(path).map_err(|source| output::Error { path: path.to_path_buf(), source })?;
         Self::create_over(path, options, Box::new(storage::create))
     }
 
@@ -105,6 +131,9 @@ impl Writer {
     pub fn create_over(path: &Path, options: Options, mut open: Opener) -> Result<Self, output::Error> {
         let storage = open(path).map_err(|source| output::Error { path: path.to_path_buf(), source })?;
         let mut writer = Self::start(path, options, Target::live(storage), Some(open))?;
+        let identity = identity();
+        writer.record(metadata::RECORDING, [("id".to_owned(), identity.clone())].into())?;
+        writer.identity = Some(identity);
         // The channel's record is on the disk before the first frame comes.
         writer.flush()?;
         Ok(writer)
@@ -120,6 +149,8 @@ impl Writer {
             files: 1,
             options,
             open,
+            blocked: None,
+            identity: None,
             mcap,
             written,
             sequence: 0,
@@ -140,7 +171,7 @@ impl Writer {
             self.flush()?;
         }
         if self.chunk_started.is_none() && self.is_full(receive_ns) {
-            self.rotate()?;
+            self.rotate(receive_ns)?;
         }
         self.chunk_started.get_or_insert(receive_ns);
         self.part_started.get_or_insert(receive_ns);
@@ -199,10 +230,13 @@ impl Writer {
         self.files
     }
 
-    /// Whether the recording has come to its last file: it should have been followed, and all [`PARTS`] numbers are taken. It grows on.
+    /// Why the file grows beyond its bounds, where it should have been followed by another one and is not.
     #[must_use]
-    pub fn is_last(&self) -> bool {
-        self.number >= PARTS && self.open.is_none()
+    pub fn grows_on(&self) -> Option<GrowsOn> {
+        if self.number >= PARTS && self.open.is_none() {
+            return Some(GrowsOn::Numbers);
+        }
+        self.blocked.as_ref().map(|(_, why)| GrowsOn::NoNext { why: why.clone() })
     }
 
     /// Bytes in all files so far, without those of the open chunk.
@@ -221,32 +255,33 @@ impl Writer {
 
     fn is_full(&self, now_ns: u64) -> bool {
         let Some(started) = self.part_started.filter(|_| self.open.is_some()) else { return false };
-        self.written.load(Ordering::Relaxed) >= self.options.max_bytes || is_over(started, now_ns, self.options.max_ns)
+        let full = self.written.load(Ordering::Relaxed) >= self.options.max_bytes
+            || is_over(started, now_ns, self.options.max_ns);
+        full && self.blocked.as_ref().is_none_or(|(since, _)| is_over(*since, now_ns, RETRY_NS))
     }
 
-    /// Goes on in the next file, which says again who sends and how it is configured, and closes this one, which names the next.
+    /// Goes on in the next file, which says again who sends and how it is configured, and closes this one, which names the next. Where there can be none,
+    /// this one grows on: a file that is too large is better than a drive that ends.
     ///
     /// What the next file begins with is on the disk before anything of this one's end is written: whenever the power goes, one of the two
     /// is open, and a reader can tell.
-    fn rotate(&mut self) -> Result<(), output::Error> {
-        let Some((path, storage)) = self.successor()? else { return Ok(()) };
-        let named = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let written = Arc::default();
-        let sink = Sink { target: Target::live(storage), written: Arc::clone(&written) };
-        let mut next = begin(&path, self.options, sink)?;
-        let part = [("number".to_owned(), self.number.to_string()), ("before".to_owned(), named(&self.path))];
-        describe(&mut next, &path, metadata::PART, part.into())?;
-        for (name, entries) in &self.described {
-            describe(&mut next, &path, name, entries.clone())?;
-        }
-        next.flush().map_err(|error| unwritable(&path, error))?;
-        self.record(metadata::NEXT, [("name".to_owned(), named(&path))].into())?;
-        let full = mem::replace(&mut self.mcap, next);
-        let before = mem::replace(&mut self.path, path);
+    fn rotate(&mut self, now_ns: u64) -> Result<(), output::Error> {
+        let next = match self.successor() {
+            Ok(Some(next)) => next,
+            Ok(None) => return Ok(()),
+            Err(error) => {
+                self.blocked = Some((now_ns, error.to_string()));
+                return Ok(());
+            }
+        };
+        self.blocked = None;
+        self.record(metadata::NEXT, [("name".to_owned(), named(&next.path))].into())?;
+        let full = mem::replace(&mut self.mcap, next.mcap);
+        let before = mem::replace(&mut self.path, next.path);
         self.part_started = None;
         self.files += 1;
         end(full, &before)?;
-        self.earlier_bytes += mem::replace(&mut self.written, written).load(Ordering::Relaxed);
+        self.earlier_bytes += mem::replace(&mut self.written, next.written).load(Ordering::Relaxed);
         Ok(())
     }
 
@@ -254,18 +289,62 @@ impl Writer {
     fn successor(&mut self) -> Result<Option<Successor>, output::Error> {
         let Some(open) = &mut self.open else { return Ok(None) };
         while self.number < PARTS {
-            self.number += 1;
-            let path = part_path(&self.first, self.number);
-            match open(&path) {
-                Ok(storage) => return Ok(Some((path, storage))),
+            let number = self.number + 1;
+            let path = part_path(&self.first, number);
+            let storage = match open(&path) {
+                Ok(storage) => storage,
                 // Somebody's file: it stays as it is, and its number is passed over.
-                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
+                    self.number = number;
+                    continue;
+                }
                 Err(source) => return Err(output::Error { path, source }),
-            }
+            };
+            return match self.introduce(&path, number, storage) {
+                Ok(next) => {
+                    self.number = number;
+                    Ok(Some(next))
+                }
+                Err(error) => {
+                    // It is new and holds nothing. Left there, it would pass for a file of the drive that cannot be read.
+                    drop(fs::remove_file(&path));
+                    Err(error)
+                }
+            };
         }
         self.open = None;
         Ok(None)
     }
+
+    /// What a file that follows begins with, on the disk.
+    fn introduce(&self, path: &Path, number: u32, storage: Box<dyn Storage>) -> Result<Successor, output::Error> {
+        let written = Arc::default();
+        let sink = Sink { target: Target::live(storage), written: Arc::clone(&written) };
+        let mut mcap = begin(path, self.options, sink)?;
+        let identity = self.identity.iter().map(|identity| ("recording".to_owned(), identity.clone()));
+        let part = [("number".to_owned(), number.to_string()), ("before".to_owned(), named(&self.path))];
+        describe(&mut mcap, path, metadata::PART, part.into_iter().chain(identity).collect())?;
+        for (name, entries) in &self.described {
+            describe(&mut mcap, path, name, entries.clone())?;
+        }
+        mcap.flush().map_err(|error| unwritable(path, error))?;
+        Ok(Successor { path: path.to_path_buf(), mcap, written })
+    }
+}
+
+fn named(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// A number that no other recording has. Without the system's random numbers the time and the process have to do: no recording fails for this.
+fn identity() -> String {
+    let mut bytes = [0; 16];
+    if getrandom::fill(&mut bytes).is_err() {
+        let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let apart = (since.as_nanos() << 32) | u128::from(std::process::id());
+        bytes = apart.to_be_bytes();
+    }
+    format!("{:032x}", u128::from_be_bytes(bytes))
 }
 
 fn is_over(started_ns: u64, now_ns: u64, most_ns: u64) -> bool {

@@ -43,6 +43,13 @@ pub enum Notice {
     },
     /// Another file should begin, and the numbers of files are used up: this one grows on.
     LastFile,
+    /// Another file should begin and cannot be made: this one grows on, and the next is tried again.
+    NoNextFile {
+        /// What the operating system said, and of which file.
+        why: String,
+    },
+    /// The next file could be made after all.
+    NextFile,
     /// The device can be read and not written to: no command reaches a board there.
     Mute {
         /// What the operating system said.
@@ -114,6 +121,13 @@ impl fmt::Display for Notice {
             Self::LastFile => {
                 write!(f, "no number up to {PARTS} is free for another file: this one grows on, whatever its size")
             }
+            Self::NoNextFile { why } => {
+                write!(
+                    f,
+                    "{why}: no other file can begin, so this one grows on, whatever its size; tried again every minute"
+                )
+            }
+            Self::NextFile => f.write_str("another file could be made: the recording goes on in it"),
             Self::Mute { why } => write!(f, "nothing can be said to the board ({why}): recorded as it comes"),
             Self::InForce { config, again, profiles } => {
                 let what = if *again { "configuration sent again and in force" } else { "configuration in force" };

@@ -25,8 +25,8 @@ pub trait Tape {
     /// Bytes on the disk, in how many files.
     fn extent(&self) -> (u64, u32);
 
-    /// Whether the log has come to its last file, which grows beyond its bounds, see [`log::Writer::is_last`].
-    fn is_last(&self) -> bool;
+    /// Why the log's file grows beyond its bounds, if it does, see [`log::Writer::grows_on`].
+    fn grows_on(&self) -> Option<log::GrowsOn>;
 
     /// Time goes by; called at least twenty times a second.
     ///
@@ -48,8 +48,8 @@ impl Tape for log::Writer {
         (self.bytes(), self.parts())
     }
 
-    fn is_last(&self) -> bool {
-        Self::is_last(self)
+    fn grows_on(&self) -> Option<log::GrowsOn> {
+        Self::grows_on(self)
     }
 
     fn settle(&mut self, now_ns: u64) -> Result<(), output::Error> {

@@ -1,3 +1,5 @@
+mod blocks;
+
 use std::fs;
 
 use super::*;
@@ -83,6 +85,31 @@ fn a_hit_frame_is_one_frame_lost_and_told_with_its_seconds_and_bytes() {
     assert!((report.seconds_lost - 0.02).abs() < 1e-6, "{report:?}");
     let out = read(&folder.path("out.mcap"));
     assert_eq!((&out[..77], &out[78..]), (&sent[..77], &sent[78..]));
+}
+
+/// The index serves who seeks: it is made again, and what was wrong with it is told with its place.
+#[test]
+fn a_hit_index_costs_no_frame_and_is_told_with_its_place() {
+    let folder = Folder::new();
+    let sent = frames(200);
+    let path = folder.path("a.mcap");
+    write(&path, &sent);
+    let whole = fs::read(&path).unwrap();
+    let sound = verify(&path, |_| ()).unwrap().problem_count;
+    let index = whole.windows(9).rposition(|window| window == [15, 4, 0, 0, 0, 0, 0, 0, 0]).unwrap() + 13;
+    for at in [index + 20, whole.len() - 60, whole.len() - 10] {
+        let mut bytes = whole.clone();
+        bytes[at] ^= 0x20;
+        fs::write(&path, &bytes).unwrap();
+        let report = folder.recover("a.mcap");
+        assert_eq!((report.lost, report.frames_lost, report.open_ends, report.frames), (true, 0, 0, 200), "{report:?}");
+        let [loss] = &report.losses[..] else { panic!("{:?}", report.losses) };
+        assert_eq!((loss.offset, loss.frames, loss.bytes), (index as u64, Some(0), (whole.len() - index) as u64));
+        assert!(loss.what.ends_with("no frame is lost, the index is not needed"), "{}", loss.what);
+        assert_eq!(read(&folder.path("out.mcap")), sent);
+        let verified = verify(&path, |_| ()).unwrap();
+        assert_eq!((verified.problem_count - sound, verified.missing_frames), (1, 0));
+    }
 }
 
 #[test]

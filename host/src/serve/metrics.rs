@@ -87,7 +87,10 @@ fn text(state: &live::State, viewers: u64, steered: bool, counts: &Counts) -> St
     let recording = state.recording.phase != live::Phase::Idle;
     family("recording", "gauge", "Whether a log is being written.", &one(f64::from(u8::from(recording))));
     family("recording_bytes", "gauge", "Bytes of frames in it.", &one(state.recording.bytes as f64));
-    family("recording_lost", "gauge", "Losses within it.", &one(state.recording.lost as f64));
+    let lost = state.recording.lost;
+    family("recording_frames_lost", "gauge", "Frames damaged or missing in it.", &one(lost.frames_lost as f64));
+    family("recording_bytes_lost", "gauge", "Bytes that found no room in it.", &one(lost.bytes_lost as f64));
+    family("recording_unknown_gaps", "gauge", "Gaps in it of unknown length.", &one(lost.unknown_gaps as f64));
     family("viewers", "gauge", "Viewers connected.", &one(viewers as f64));
     family("steered", "gauge", "Whether a viewer holds the control.", &one(f64::from(u8::from(steered))));
     family(

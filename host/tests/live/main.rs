@@ -146,7 +146,7 @@ fn a_drive_is_recorded_with_its_markers_and_verifies() {
     assert_eq!(viewer.ask(json!({ "do": "stop" }))["ok"], true);
     let state = viewer.until_state(|state| state["last_recording"].is_object());
     let last = &state["last_recording"];
-    assert_eq!((&last["lost"], &last["error"]), (&json!(0), &json!(null)));
+    assert_eq!((&last["frames_lost"], &last["error"]), (&json!(0), &json!(null)));
 
     let log = bench.folder.path().join("A1 north.log.mcap");
     let report = verify::verify(&log, |_| ()).unwrap();
@@ -320,7 +320,7 @@ fn a_viewer_that_takes_nothing_costs_the_recording_nothing() {
     viewer.until_state(|state| state["replay"]["ended"] == true && state["recording"]["profiles"].as_u64() > Some(100));
     assert_eq!(viewer.ask(json!({ "do": "stop" }))["ok"], true);
     let state = viewer.until_state(|state| state["last_recording"].is_object());
-    assert_eq!((&state["last_recording"]["lost"], &state["unviewed_frames"]), (&json!(0), &json!(0)));
+    assert_eq!((&state["last_recording"]["frames_lost"], &state["unviewed_frames"]), (&json!(0), &json!(0)));
     let report = verify::verify(&bench.folder.path().join("fast.log.mcap"), |_| ()).unwrap();
     assert!(report.ok && report.missing_frames == 0, "{:?}", report.problems);
     drop(stuck);
@@ -353,7 +353,7 @@ fn an_unplugged_board_is_told_with_its_reason_and_comes_back() {
     viewer.until_state(|state| state["lamps"]["link"]["light"] == "good");
     assert_eq!(viewer.ask(json!({ "do": "stop" }))["ok"], true);
     let state = viewer.until_state(|state| state["last_recording"].is_object());
-    assert!(state["last_recording"]["lost"].as_u64() > Some(0), "what was sent meanwhile is lost, and told");
+    assert!(state["last_recording"]["frames_lost"].as_u64() > Some(0), "what was sent meanwhile is lost, and told");
     assert!(state["faults"].as_array().unwrap().iter().any(|fault| fault["words"].as_str().unwrap().contains("lost")));
     let report = verify::verify(&bench.folder.path().join("plug.log.mcap"), |_| ()).unwrap();
     assert!(report.missing_frames > 0 && report.profiles_reproduced > 10);

@@ -202,7 +202,11 @@ fn a_recording_that_is_not_whole_is_not_forgotten_behind_one_that_is() {
         shared.lock().unwrap().last.as_ref().unwrap().amiss().join("; ")
     };
     assert_eq!(recorded(&|_| ()), "");
-    assert_eq!(recorded(&|summary| summary.missing_frames = 3), "3 lost");
+    assert_eq!(recorded(&|summary| summary.missing_frames = 3), "3 frames lost");
+    let kinds = |summary: &mut Summary| {
+        (summary.bad_frames, summary.bytes_lost, summary.unknown_gaps) = (1, 70_000, 1);
+    };
+    assert_eq!(recorded(&kinds), "1 frame lost; 70000 bytes lost; 1 gap of unknown length");
     let scans = |summary: &mut Summary| summary.totals.status(&Status { scans_missing: 2, ..status(101) });
     assert_eq!(recorded(&scans), "2 lost on the board");
     let restarted = recorded(&|summary| summary.totals.status(&status(1)));
@@ -219,5 +223,5 @@ fn a_recording_that_is_not_whole_is_not_forgotten_behind_one_that_is() {
     let shared = shared.lock().unwrap();
     let [said] = &shared.last.as_ref().unwrap().amiss()[..] else { panic!("one thing is amiss") };
     assert!(said.starts_with("no frame came"), "{said}");
-    assert_eq!(shared.broken.len(), 6);
+    assert_eq!(shared.broken.len(), 7);
 }
