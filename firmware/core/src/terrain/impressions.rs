@@ -27,6 +27,7 @@ const SLIGHT: u16 = 256;
 const SINCE: u8 = 10;
 
 /// Empties cells that the rest of the tile contradicts, as the module says; whether there were any.
+#[inline(always)]
 pub(super) fn review(tile: &mut Tile, stamp: u8) -> bool {
     let first = tile.reviewed < REVIEWS && tile.known >= REVIEWED << tile.reviewed;
     tile.reviewed += u8::from(first);
@@ -34,6 +35,7 @@ pub(super) fn review(tile: &mut Tile, stamp: u8) -> bool {
 }
 
 /// Heights count above the level that a tenth of the tile's cells keep below, under the neighbourhood's gradient: the tile's own may be that of the body.
+#[inline(always)]
 fn give_up(tile: &mut Tile, stamp: u8, first: bool) -> bool {
     let mut levels = [NONE; TILE_CELLS];
     let [lowest, highest] = level(&tile.height, &tile.margin, tile.rise, &mut levels);
