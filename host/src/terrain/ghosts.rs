@@ -1,7 +1,7 @@
 //! What moving bodies leave behind: cells of the carriageway that are still risky although they have been seen for a second.
 //!
 //! A cell counts as visible again once the sensor could see its ground, by line of sight past the bodies' outlines, in every one of
-//! the last ten frames; by then it must not be risky. Cells are judged up to 60 m ahead, those beyond 40 m, where rings are metres apart, on their own;
+//! the last ten frames; by then it must not be risky, by the risk that the map holds, which is told anew every fourth frame and far off every eighth. Cells are judged up to 60 m ahead, those beyond 40 m, where rings are metres apart, on their own;
 //! sensors with fewer rings or columns than the default one show what is left where hardly a ray ever passes a place twice.
 
 use anyhow::{Result, anyhow, ensure};
@@ -84,7 +84,6 @@ fn drive(name: &'static str, scene: &TerrainScene) -> Result<Ghost> {
         ensure!(!interrupt::requested(), "interrupted");
         let frame = scene.frame(index)?;
         mapper.integrate(&frame.points, &frame.reported, 100_000, &[])?;
-        mapper.refresh();
         let sensor = scene.station(frame.time_s);
         for row in 0..rows {
             for column in 0..columns {

@@ -4,12 +4,12 @@
 //! a sparse sensor, a bumper is hit where nothing above it is, so that no mark says that something stood there. Two rules take such cells back:
 //!
 //! * when 8, 16, 32 and 64 cells of a tile are known, those high above its floor that are not seen in this frame: a low wall is seen again, the car has gone;
-//! * in a tile with risk, whenever its risk is told anew, the few that stand out of it, if they were hit once or twice and not in the last second. What is
-//!   really there, a stone or a curb's corner, goes on being hit.
+//! * in a tile with risk, whenever its risk is told anew, those that stand out of it and are few, in the tile or around their place, if they were hit once or
+//!   twice and not in the last second. What is really there, a stone or a curb's corner, goes on being hit.
 
 use super::risk::SLOW;
 use super::slope::{NONE, at_most, level, quantile};
-use super::tile::{TILE_CELLS, Tile};
+use super::tile::{TILE_CELLS, TILE_SIDE, Tile};
 
 /// Known cells from which a tile is reviewed for the first time; each time after that, twice as many.
 const REVIEWED: u16 = 8;
@@ -21,6 +21,9 @@ const LONE: i16 = 320;
 /// Cells that are few, and few of those known: a curb across a tile raises more.
 const FEW: u16 = 6;
 const SHARE: u16 = 4;
+/// Cells that are few in 5 x 5, with at least so many low ones for each of them.
+const LONELY: u32 = 4;
+const LOW: u32 = 2;
 /// Weight of a cell that was hit once or twice: a sigma of 4 mm.
 const SLIGHT: u16 = 256;
 /// Frames without a hit, a second.
@@ -52,7 +55,8 @@ fn give_up(tile: &mut Tile, stamp: u8, first: bool) -> bool {
     for (index, level) in levels.iter().enumerate() {
         let held = tile.held[index & 255];
         let gone = first && above(*level, IMPRESSION) && held.stamp != stamp;
-        let stray = few && above(*level, LONE) && held.weight <= SLIGHT && stamp.wrapping_sub(held.stamp) >= SINCE;
+        let slight = held.weight <= SLIGHT && stamp.wrapping_sub(held.stamp) >= SINCE;
+        let stray = slight && above(*level, LONE) && (few || is_lonely(&levels, index, floor.saturating_add(LONE / 2)));
         if gone || stray {
             tile.clear(index as u8);
             any = true;
@@ -61,10 +65,24 @@ fn give_up(tile: &mut Tile, stamp: u8, first: bool) -> bool {
     any
 }
 
+/// Whether there are few cells above a level in the 5 x 5 around a cell, as far as they lie in its tile, and more below it.
+#[inline(never)]
+fn is_lonely(levels: &[i16; TILE_CELLS], index: usize, bound: i16) -> bool {
+    let (column, row) = (index % TILE_SIDE, index / TILE_SIDE);
+    let (mut high, mut low) = (0, 0);
+    for levels in levels.chunks_exact(TILE_SIDE).take(row + 3).skip(row.saturating_sub(2)) {
+        for level in levels.iter().take(column + 3).skip(column.saturating_sub(2)).filter(|level| **level != NONE) {
+            *(if *level > bound { &mut high } else { &mut low }) += 1;
+        }
+    }
+    high <= LONELY && high * LOW <= low
+}
+
 #[cfg(test)]
 mod tests {
-    use super::super::tile::{TILE_SIDE, Update, margin_table};
+    use super::super::tile::{Update, margin_table};
     use super::*;
+    extern crate std;
 
     /// A risky tile whose every other cell was hit at level 0 in frame 3, and some at 13 cm in frame 1.
     fn tile(raised: &[u8], hits: u32) -> Tile {
@@ -102,8 +120,19 @@ mod tests {
     fn what_was_hit_often_and_what_crosses_the_tile_is_kept() {
         let mut stone = tile(&[101], 3);
         assert!(!review(&mut stone, 60));
-        let row: [u8; TILE_SIDE / 2] = core::array::from_fn(|column| 97 + 2 * column as u8);
-        let mut curb = tile(&row, 1);
+        // Its upper side goes on to the tile's end.
+        let pavement: std::vec::Vec<u8> = (96..=255).collect();
+        let mut curb = tile(&pavement, 1);
         assert!(!review(&mut curb, 60));
+    }
+
+    #[test]
+    fn a_cell_that_stands_out_beside_a_curb_is_given_up_and_the_curb_is_not() {
+        // The two highest rows, and one cell in the middle.
+        let mut all: std::vec::Vec<u8> = (224..=255).collect();
+        all.push(121);
+        let mut tile = tile(&all, 1);
+        assert!(review(&mut tile, 60) && !is_known(&tile, 121));
+        assert!((224..=255).all(|cell| is_known(&tile, cell)));
     }
 }
