@@ -178,7 +178,7 @@ fn a_drive_takes_the_place_of_an_earlier_one_and_of_nothing_else() {
 
 #[test]
 fn an_oncoming_car_leaves_nothing_also_where_columns_are_two_cells_apart() {
-    let left: Vec<_> = ghosts(5, "oncoming, 800 columns").unwrap();
+    let left: Vec<_> = ghosts(2, "oncoming, 800 columns").unwrap();
     let [ghost] = &left[..] else { panic!("{left:?}") };
     assert!(ghost.near.visible > 10_000 && ghost.far.visible > 1_000, "{ghost:?}");
     assert_eq!((ghost.near.risky, ghost.far.risky), (0, 0), "{ghost:?}");
