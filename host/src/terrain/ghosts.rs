@@ -1,8 +1,8 @@
 //! What moving bodies leave behind: cells of the carriageway that are still risky although they have been seen for a second.
 //!
 //! A cell counts as visible again once the sensor could see its ground, by line of sight past the bodies' outlines, in every one of
-//! the last ten frames; by then it must not be risky, by the risk that the map holds, which is told anew every fourth frame and far off every eighth. Cells are judged up to 60 m ahead, those beyond 40 m, where rings are metres apart, on their own;
-//! sensors with fewer rings or columns than the default one show what is left where hardly a ray ever passes a place twice.
+//! the last ten frames; by then it must not be risky, by the risk that the map holds, which is told anew every fourth frame and far off
+//! every eighth. Cells are judged up to 60 m ahead, those beyond 40 m, where rings are metres apart, on their own; sensors with fewer rings or columns than the default one show what is left where hardly a ray ever passes a place twice.
 
 use anyhow::{Result, anyhow, ensure};
 use crossfall_core::terrain::{SLOW, TerrainConfig};
@@ -35,13 +35,13 @@ pub struct Ghost {
 /// Scenes of moving bodies, by name.
 fn scenes(seed: u64) -> Vec<(&'static str, TerrainScene)> {
     let body = |shape, at_m, lateral_m, speed_mps, across_mps| Body { shape, at_m, lateral_m, speed_mps, across_mps };
-    let base = || TerrainScene { seed, frames: 50, ..TerrainScene::default() };
-    let with = |bodies: Vec<Body>| TerrainScene { bodies, ..base() };
+    let with = |bodies| TerrainScene { seed, frames: 50, bodies, ..TerrainScene::default() };
     let lidar = |rings, columns| Lidar { rings, columns, ..Lidar::default() };
     let oncoming = || vec![body(Shape::Car, 70.0, 1.75, -10.0, 0.0)];
+    let ahead = || vec![body(Shape::Car, 12.0, 0.0, 11.0, 0.0)];
     vec![
         ("moving: oncoming car", with(oncoming())),
-        ("moving: car ahead", with(vec![body(Shape::Car, 12.0, 0.0, 11.0, 0.0)])),
+        ("moving: car ahead", with(ahead())),
         ("moving: pedestrian crossing", with(vec![body(Shape::Pedestrian, 45.0, 3.0, 0.0, -1.3)])),
         (
             "moving: oncoming, 20 m/s",
@@ -52,14 +52,8 @@ fn scenes(seed: u64) -> Vec<(&'static str, TerrainScene)> {
         ("moving: oncoming, 32 rings", TerrainScene { lidar: lidar(32, 2000), ..with(oncoming()) }),
         ("moving: oncoming, 800 columns", TerrainScene { lidar: lidar(64, 800), ..with(oncoming()) }),
         ("moving: oncoming, 400 columns", TerrainScene { lidar: lidar(64, 400), ..with(oncoming()) }),
-        (
-            "moving: car ahead, 32 rings",
-            TerrainScene { lidar: lidar(32, 1000), ..with(vec![body(Shape::Car, 12.0, 0.0, 11.0, 0.0)]) },
-        ),
-        (
-            "moving: car ahead, 400 columns",
-            TerrainScene { lidar: lidar(64, 400), ..with(vec![body(Shape::Car, 12.0, 0.0, 11.0, 0.0)]) },
-        ),
+        ("moving: car ahead, 32 rings", TerrainScene { lidar: lidar(32, 1000), ..with(ahead()) }),
+        ("moving: car ahead, 400 columns", TerrainScene { lidar: lidar(64, 400), ..with(ahead()) }),
     ]
 }
 

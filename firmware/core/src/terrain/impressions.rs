@@ -8,7 +8,7 @@
 //!   twice and not in the last second. What is really there, a stone or a curb's corner, goes on being hit.
 
 use super::risk::SLOW;
-use super::slope::{NONE, at_most, level, quantile};
+use super::slope::{NONE, Rises, at_most, level, quantile};
 use super::tile::{TILE_CELLS, TILE_SIDE, Tile};
 
 /// Known cells from which a tile is reviewed for the first time; each time after that, twice as many.
@@ -67,7 +67,7 @@ fn give_up(tile: &mut Tile, stamp: u8, first: bool) -> bool {
 
 /// Whether there are few cells above a level in the 5 x 5 around a cell, as far as they lie in its tile, and more below it.
 #[inline(never)]
-fn is_lonely(levels: &[i16; TILE_CELLS], index: usize, bound: i16) -> bool {
+fn is_lonely(levels: &Rises, index: usize, bound: i16) -> bool {
     let (column, row) = (index % TILE_SIDE, index / TILE_SIDE);
     let (mut high, mut low) = (0, 0);
     for levels in levels.chunks_exact(TILE_SIDE).take(row + 3).skip(row.saturating_sub(2)) {
