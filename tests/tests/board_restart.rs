@@ -67,7 +67,7 @@ fn bench_messages_are_read_against_the_image() {
     println!("{lines:#?}");
     assert_eq!(untold, board_words::Untold::default());
     let bench: Vec<_> = lines.iter().filter(|line| line.defmt).map(|line| (line.level, line.text.as_str())).collect();
-    assert_eq!(bench, [("info", "crossfall 0.1.0 survey 1 on olimex-stm32-h405, boot 1, Emulated")]);
+    assert_eq!(bench, [("info", "crossfall 0.1.0 survey 2 on olimex-stm32-h405, boot 1, Emulated")]);
     let (lines, untold) = read(None);
     assert!(lines.iter().all(|line| !line.defmt) && untold.defmt_bytes > 40, "{untold:?}");
     assert!(board_words::table(&log_path).is_err());

@@ -59,15 +59,30 @@ fn vegetation_costs_little_at_3_5_mm() {
 #[test]
 fn vegetation_costs_little_at_10_mm() {
     let tally = run(&Family::grass("10 mm grass", 0.010), SECTIONS, 14);
-    assert_within(&tally, &Bounds { adjacent: 0.080, opposing: 0.090, found: 99.0, coverage: COVERAGE });
+    assert_within(&tally, &Bounds { adjacent: 0.070, opposing: 0.070, found: 99.0, coverage: COVERAGE });
     assert!(tally.adjacent.median() <= 0.033 && tally.opposing.median() <= 0.033, "{tally}");
+}
+
+#[test]
+fn no_wild_slope_moves_a_large_set_in_vegetation() {
+    // 16,000 sides: one that is off by four degrees would raise their RMS from 0.06 to 0.07.
+    let tally = run(&Family::grass("10 mm grass", 0.010), 8000, 31);
+    let coverage = (94.0, 96.5);
+    for (what, errors) in [("adjacent", &tally.adjacent), ("opposing", &tally.opposing)] {
+        assert!(errors.rms() <= 0.066, "{what} {:.4} degrees RMS\n{tally}", errors.rms());
+        assert!(errors.median() <= 0.030, "{what} {:.4} degrees in the median\n{tally}", errors.median());
+        assert!(errors.found() >= 99.6, "{what} found {:.2} %\n{tally}", errors.found());
+        assert!(errors.far <= 4 && errors.far_unflagged <= 1, "{what} above one degree\n{tally}");
+        let covered = errors.coverage();
+        assert!((coverage.0..=coverage.1).contains(&covered), "{what} intervals cover {covered:.1} %\n{tally}");
+    }
 }
 
 #[test]
 fn intervals_know_of_rough_surfaces() {
     let family = Family { roughness_m: 0.005, ..Family::plain("rough 5 mm", 0.0035) };
     let tally = run(&family, SECTIONS, 15);
-    assert_within(&tally, &Bounds { adjacent: 0.080, opposing: 0.070, found: 99.5, coverage: (90.0, 98.0) });
+    assert_within(&tally, &Bounds { adjacent: 0.080, opposing: 0.070, found: 99.5, coverage: COVERAGE });
 }
 
 #[test]

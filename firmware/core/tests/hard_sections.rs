@@ -115,6 +115,7 @@ fn flags_tell_what_is_wrong_with_a_section() {
     let rounded = run(&set("edge rounded over 0.5 m", 0.0035), 2 * SECTIONS, 702);
     assert!(flagged(&rounded, flags::HINGE_ROUNDED) >= 5.0, "{rounded}");
     assert!(rounded.edge.rms() <= 20.0, "where the lines meet is found all the same\n{rounded}");
+    assert!(rounded.adjacent.rms() <= 0.022, "the slope is not pulled down to its rounded end\n{rounded}");
     let sharp = run(&set("4 to 18 degrees", 0.0035), SECTIONS, 704);
     assert!(flagged(&sharp, flags::HINGE_ROUNDED) <= 2.0, "{sharp}");
 }

@@ -28,7 +28,7 @@ use crate::sensors::{Scanner, lms2xx};
 
 /// What makes profiles, for the hello: program, version and the number of the survey's answers. Profiles of two numbers may differ in their bits; a test
 /// holds those of this one (`tests/survey_number.rs`).
-pub const FIRMWARE: &str = concat!("crossfall ", env!("CARGO_PKG_VERSION"), " survey 1");
+pub const FIRMWARE: &str = concat!("crossfall ", env!("CARGO_PKG_VERSION"), " survey 2");
 
 /// Both layers in one, for a desk: every event goes out first and then to the survey, whose profiles follow it.
 ///

@@ -2,7 +2,7 @@
 
 use crossfall_protocol::message::{Hinge, flags};
 
-use super::line::{Fit, Line, Precision, fit, ratio, weigh};
+use super::line::{Fit, Gate, Line, Precision, fit, ratio, weigh};
 use super::magnitude::Magnitude;
 use super::sample::{GRAIN_BITS, Noise, Outward, Sample, inward_of, millimetres};
 use super::slope::Found;
@@ -215,8 +215,8 @@ fn level(samples: &mut [Sample], noise: &Noise) -> Option<Ground> {
     let near = 1 + on.count();
     let line = Line { u: place.0, z: place.1, slope_q30: 0 };
     if near >= 4 {
-        let mut fitted = fit(samples, 1, &line, shift)?;
-        fitted = fit(samples, 1, &fitted.line, shift)?;
+        let mut fitted = fit(samples, 1, &line, shift, Gate::GROWN)?;
+        fitted = fit(samples, 1, &fitted.line, shift, Gate::GROWN)?;
         if fitted.line.slope_q30.abs() < 1 << 26 {
             return Some(Ground { fit: fitted, first });
         }
@@ -232,6 +232,7 @@ fn level(samples: &mut [Sample], noise: &Noise) -> Option<Ground> {
         },
         chi2_q8: 0,
         effective_q8: 0,
+        gate: Gate::GROWN,
     };
     Some(Ground { fit, first })
 }

@@ -47,10 +47,11 @@ fn measure_side(samples: &mut [Sample], outward: Outward, unit_um: i32, survey: 
         return side;
     };
     side.road = Some(trig::slope_angle(road.fit.line.slope_q30));
-    let Some(departure) = road.departed_at(samples) else {
+    let Some(departed) = road.departure else {
         side.flags = flags::END_UNSEEN;
         return side;
     };
+    let departure = departed.u;
     let departure_um = outward.lateral_um(departure);
     side.edge = Some(Hinge { y_um: departure_um, ci95_um: 0, departure_um });
     let limits = &survey.limits;
@@ -68,7 +69,7 @@ fn measure_side(samples: &mut [Sample], outward: Outward, unit_um: i32, survey: 
     let mut noise = road.noise;
     // In a cut the slope beside the road is the one that rises from it; what lies behind its top is another matter.
     let (mut bank, mut cut) = (None, road.noise);
-    if road.is_below(samples, departure) {
+    if road.is_below(samples, &departed) {
         let line = &road.fit.line;
         let lowest = line.height_at(departure) - SUNK;
         bank = slope::measure(samples, (from, start), None, &wanted(true), &mut cut)
@@ -152,19 +153,22 @@ impl Section {
     }
 
     /// Fits the slopes anew between the hinges that they make.
-    fn settle(&mut self, samples: &mut [Sample]) {
+    fn settle(&mut self, samples: &mut [Sample]) -> bool {
         let Hinges { edge, foot, facing } = self.hinges(samples, Want::Places);
         let adjacent = self.adjacent;
-        self.adjacent.settle(samples, &edge, &foot, &self.noise_of(&adjacent));
+        let mut moved = self.adjacent.settle(samples, &edge, &foot, &self.noise_of(&adjacent));
         let noise = self.opposing.map_or(self.noise, |opposing| self.noise_of(&opposing));
         if let (Some(opposing), Some((start, top))) = (&mut self.opposing, &facing) {
-            opposing.settle(samples, start, top, &noise);
+            moved |= opposing.settle(samples, start, top, &noise);
         }
+        moved
     }
 
     /// Settles road and slopes between their hinges and fills in what was found.
     fn report(mut self, side: &mut Side, samples: &mut [Sample], beside: &Wanted, beyond: &Wanted) {
-        self.settle(samples);
+        if self.settle(samples) {
+            self.settle(samples);
+        }
         let (departure, adjacent) = (self.departure, self.adjacent);
         self.road.settle(samples, |road| hinge::edge(road, departure, &adjacent, Want::Places).u);
         let Hinges { edge, foot, facing } = self.hinges(samples, Want::Intervals);

@@ -1,6 +1,6 @@
 //! The road: a line under the sensor, followed outward to where the surface leaves it.
 
-use super::line::{Fit, Line, Sums, fit, weigh, weigh_by};
+use super::line::{Fit, Gate, Line, Sums, fit, weigh, weigh_by};
 use super::sample::{Noise, Sample, inward_of, millimetres};
 
 /// How far on the other side of the sensor the road line still takes its points: short of a crown between lanes.
@@ -39,10 +39,19 @@ const PRIOR: u32 = 24;
 #[derive(Clone, Copy, Debug)]
 pub struct Road {
     pub fit: Fit,
-    /// Index of the first sample of the significant departure; the number of samples when there is none.
-    pub departure: usize,
+    /// Where it is left; nothing when it is not.
+    pub departure: Option<Departure>,
     /// The noise with its range part brought up to date.
     pub noise: Noise,
+}
+
+/// Where the surface leaves the road's line.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Departure {
+    /// Index of the first sample.
+    pub index: usize,
+    /// How far out.
+    pub u: i32,
 }
 
 /// Finds the road line.
@@ -62,7 +71,7 @@ pub fn find(samples: &mut [Sample], noise: Noise) -> Option<Road> {
         let known = inward_of(samples, line.place_at(2 * reach)) + DEPARTURE_SAMPLES as usize;
         let seen = samples.get(..known).unwrap_or(samples);
         let departed = departure(seen, &line, &noise, inward_of(seen, line.place_at(reach - MARGIN)));
-        end = departed_at(seen, &line, departed);
+        end = departed.map(|departed| departed.u);
         if end.is_some_and(|end| end < 2 * reach) {
             break;
         }
@@ -83,16 +92,11 @@ pub fn find(samples: &mut [Sample], noise: Noise) -> Option<Road> {
 }
 
 impl Road {
-    /// How far out the road is left; nothing when it is not.
-    pub fn departed_at(&self, samples: &[Sample]) -> Option<i32> {
-        departed_at(samples, &self.fit.line, self.departure)
-    }
-
     /// Whether most of what follows a departure rises above the road: a cut, in which the slope beside it rises.
-    pub fn is_below(&self, samples: &[Sample], departure: i32) -> bool {
-        let next = samples.get(self.departure..).unwrap_or_default().iter();
+    pub fn is_below(&self, samples: &[Sample], departure: &Departure) -> bool {
+        let next = samples.get(departure.index..).unwrap_or_default().iter();
         let (mut above, mut all) = (0, 0);
-        for sample in next.take_while(|s| s.u < departure + VERGE).filter(|s| s.u > departure + SILL) {
+        for sample in next.take_while(|s| s.u < departure.u + VERGE).filter(|s| s.u > departure.u + SILL) {
             let e = self.fit.line.residual(sample);
             // A rail or a wall is no slope.
             if e < TALLEST {
@@ -113,14 +117,14 @@ impl Road {
         let first = end(&self.fit, samples);
         let part = samples.get_mut(..first).unwrap_or_default();
         let shift = weigh(part, MEASURING, &self.noise, line.slope_q14());
-        let sums = Sums::over(part, MEASURING, &line, shift);
-        let Some(fit) = sums.solve(&line, shift) else { return };
+        let sums = Sums::over(part, MEASURING, &line, shift, Gate::BARE);
+        let Some(fit) = sums.solve(&line, shift, Gate::BARE) else { return };
         let last = end(&fit, samples);
         let between = samples.get_mut(first.min(last)..first.max(last)).unwrap_or_default();
         weigh_by(between, MEASURING, &self.noise, line.slope_q14(), shift);
-        let change = Sums::over(between, MEASURING, &line, shift);
+        let change = Sums::over(between, MEASURING, &line, shift, Gate::BARE);
         let sums = if last < first { sums.minus(&change) } else { sums.plus(&change) };
-        self.fit = sums.solve(&line, shift).unwrap_or(fit);
+        self.fit = sums.solve(&line, shift, Gate::BARE).unwrap_or(fit);
     }
 }
 
@@ -132,29 +136,35 @@ fn inside<'a>(samples: &'a mut [Sample], line: &Line, reach: i32) -> &'a mut [Sa
 
 fn step(samples: &mut [Sample], stride: usize, line: &Line, noise: &Noise) -> Option<Fit> {
     let shift = weigh(samples, stride, noise, line.slope_q14());
-    fit(samples, stride, line, shift)
+    fit(samples, stride, line, shift, Gate::BARE)
 }
 
-/// The point of significant departure, from sample `from` on: the first of [`DEPARTURE_SAMPLES`] in a row further from
-/// the line than 4 sigma of the range noise and 3 mm, and than 12 mm.
-fn departure(samples: &[Sample], line: &Line, noise: &Noise, from: usize) -> usize {
-    let mut row = 0;
+/// The point of significant departure, from sample `from` on: the first of [`DEPARTURE_SAMPLES`] further from the line than 4 sigma of the range noise
+/// and 3 mm, and than 12 mm. Vegetation brings returns back to the line: each that does takes half a sample from the row. How far out is told by
+/// the least far off of the row's first three, as one may be a stray.
+fn departure(samples: &[Sample], line: &Line, noise: &Noise, from: usize) -> Option<Departure> {
+    let (mut row, mut first, mut least) = (0u32, Departure::default(), i32::MAX);
     for (index, sample) in samples.iter().enumerate().skip(from) {
         let g_q14 = i32::from(sample.down_q14) + ((line.slope_q14() * i32::from(sample.out_q14)) >> 14);
         let sigma = (noise.range as i32 * g_q14.abs()) >> 14;
         let threshold = (4 * sigma + millimetres(3)).max(millimetres(12));
-        row = if line.residual(sample).abs() > threshold { row + 1 } else { 0 };
-        if row == DEPARTURE_SAMPLES {
-            return index + 1 - DEPARTURE_SAMPLES as usize;
+        let off = line.residual(sample).abs();
+        if off <= threshold {
+            row = row.saturating_sub(1);
+            continue;
+        }
+        if row == 0 {
+            (first.index, least) = (index, i32::MAX);
+        }
+        if off < least && row <= 4 {
+            (first.u, least) = (sample.u, off);
+        }
+        row += 2;
+        if row >= 2 * DEPARTURE_SAMPLES {
+            return Some(first);
         }
     }
-    samples.len()
-}
-
-/// How far out a departure lies: by the sample of it that is least off the line, as one of them may be a stray.
-fn departed_at(samples: &[Sample], line: &Line, departure: usize) -> Option<i32> {
-    let row = samples.get(departure..departure + DEPARTURE_SAMPLES as usize)?;
-    row.iter().min_by_key(|s| line.residual(s).abs()).map(|s| s.u)
+    None
 }
 
 /// The range noise that explains the residuals of a fit, with the assumed one as a prior.

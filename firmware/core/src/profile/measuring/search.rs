@@ -44,14 +44,14 @@ pub struct Run {
 }
 
 /// The best line among the candidates, which begin at `start` or beyond, and its run over `samples`.
-pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) -> Option<(Line, Run)> {
+pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) -> Option<Best> {
     let mut finalists = [Candidate::default(); FINALISTS];
     // Candidates are told apart with the variances of a typical slope: those of their own would cost more than they tell.
     let typical_q14 = (wanted.least_q14 + wanted.most_q14) / 2;
     let raised = Raised::among(samples, typical_q14);
     weigh(samples, 1, noise, typical_q14);
     // Where nothing grows every second start finds what all would; in vegetation every one may be the good one.
-    let stride = if 16 * raised.count > samples.len() { 1 } else { 2 };
+    let stride = if raised.count > 0 { 1 } else { 2 };
     // Starting within a good run would mostly find it again: past `settled` and `thinned` all and every third start counts.
     let (mut settled, mut thinned) = (0, 0);
     let mut next = 0;
@@ -95,16 +95,31 @@ pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) 
             }
         }
     }
-    let mut best: Option<(Line, Run)> = None;
     let leading = finalists.first().map_or(0, |f| f.score);
-    for candidate in finalists.iter().filter(|c| c.score > 0 && 4 * c.score >= 3 * leading) {
-        let run = run(samples, candidate.middle, &candidate.line, wanted.obstruction);
-        if best.is_none_or(|(_, known)| run.score > known.score) {
-            best = Some((candidate.line, run));
-        }
+    let mut followed = [(Line::default(), Run::default()); FINALISTS];
+    for (known, candidate) in followed.iter_mut().zip(finalists).filter(|(_, c)| c.score > 0 && 2 * c.score >= leading)
+    {
+        *known = (candidate.line, run(samples, candidate.middle, &candidate.line, wanted.obstruction));
     }
-    best
+    let (line, run) =
+        followed.into_iter().reduce(|best, next| if next.1.score > best.1.score { next } else { best })?;
+    let rivals = |(other, along): &(Line, Run)| {
+        5 * along.score >= 4 * run.score && other.slope_q30.abs_diff(line.slope_q30) > RIVAL_TURN_Q30
+    };
+    (run.score > 0).then(|| Best { line, run, contested: followed.iter().any(rivals) })
 }
+
+/// What a search finds.
+#[derive(Clone, Copy, Debug)]
+pub struct Best {
+    pub line: Line,
+    pub run: Run,
+    /// Whether a line that differs by more than [`RIVAL_TURN_Q30`] earns four fifths of it: which of them is the ground is not known for sure.
+    pub contested: bool,
+}
+
+/// One degree.
+const RIVAL_TURN_Q30: u32 = 18_740_000;
 
 /// A line through two samples, the middle of the run that begins with the first of them, and what that run scores.
 #[derive(Clone, Copy, Default)]
@@ -178,7 +193,7 @@ fn admit(finalists: &mut [Candidate; FINALISTS], candidate: Candidate, outer: i3
 }
 
 /// A run that earns this much a sample is what there is to find along its line ...
-const SETTLED_SCORE: i32 = 230;
+const SETTLED_SCORE: i32 = 204;
 /// ... and one that earns this much may still be a mixture of slope and vegetation.
 const THINNED_SCORE: i32 = 130;
 
@@ -188,7 +203,7 @@ const DROP: i32 = 430;
 /// What a sample earns on a line: 288 less 32 a variance.
 const EARNED: u32 = 288;
 const ABOVE_COSTS: i32 = 43;
-const BELOW_COSTS: i32 = 173;
+const BELOW_COSTS: i32 = 288;
 /// What a sample beyond the obstruction distance costs.
 const ASTRAY_COSTS: i32 = 144;
 
@@ -218,7 +233,7 @@ fn undercut(between: &[Sample], line: &Line) -> bool {
 }
 
 /// How many variances, times 32, a sample must lie below a candidate to rule it out.
-const UNDERCUT: u32 = 32 * 16;
+const UNDERCUT: u32 = 32 * 12;
 
 /// How many samples the best run has that begins with the first of these, and what it earns.
 ///

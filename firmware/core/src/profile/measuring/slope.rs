@@ -4,10 +4,10 @@ use crossfall_protocol::Angle;
 use crossfall_protocol::message::{Slope, flags};
 
 use super::hinge::Place;
-use super::line::{Fit, Line, Precision, fit, weigh};
+use super::line::{Fit, Gate, Line, Precision, fit, weigh};
 use super::magnitude::Magnitude;
 use super::sample::{GRAIN_BITS, Noise, Outward, Sample, inward_of, millimetres};
-use super::search::{self, Run, Wanted};
+use super::search::{self, Best, Run, Wanted};
 use crate::trig;
 
 /// A run must earn what this many samples on the line would: fewer can be chance.
@@ -18,7 +18,7 @@ const LEAST_SAMPLES: u32 = 5;
 
 /// Pseudo-observations of the assumed noise against the slope's own residuals: in the roughness, and in the interval.
 const ROUGHNESS_PRIOR: u32 = 3;
-const INTERVAL_PRIOR: u32 = 6;
+const INTERVAL_PRIOR: u32 = 4;
 
 /// A slope with what its neighbours need to know.
 #[derive(Clone, Copy, Debug)]
@@ -32,6 +32,10 @@ pub struct Found {
     pub undulates: bool,
     /// Whether its ground goes on beyond its outer end and could not be followed.
     unclear: bool,
+    /// Whether something grows on it.
+    grown: bool,
+    /// Whether another line fits its surroundings almost as well.
+    contested: bool,
     /// The sample that it was sought from, and its run counted from there.
     from: usize,
     part: Run,
@@ -49,18 +53,18 @@ pub fn measure(
     noise: &mut Noise,
 ) -> Option<Found> {
     let beyond = samples.get_mut(from..)?;
-    let (line, mut run) = search::find(beyond, start, wanted, noise)?;
+    let Best { line, mut run, contested } = search::find(beyond, start, wanted, noise)?;
     if run.score < LEAST_SCORE {
         return None;
     }
     let part = beyond.get_mut(run.first..=run.last)?;
-    let found = refit(part, &line, noise)?;
+    let found = refit(part, &line, noise, Gate::GROWN)?;
     // What the residuals say of the roughness decides which of them count: once more on the run that results.
     *noise = roughened(noise, &found, part);
     let shift = weigh(beyond, 1, noise, found.line.slope_q14());
     run = search::run(beyond, (run.first + run.last) / 2, &found.line, wanted.obstruction);
     let part = beyond.get_mut(run.first..=run.last)?;
-    let mut fit = fit(part, 1, &found.line, shift)?;
+    let mut fit = fit(part, 1, &found.line, shift, Gate::GROWN)?;
     *noise = roughened(noise, &fit, part);
     let (mut undulates, mut unclear) = (false, false);
     let (inward, outward) = search::goes_on(beyond, start, &fit.line, &run);
@@ -84,8 +88,10 @@ pub fn measure(
         }
     }
     let part = run;
+    // Outside the gate, which is wide below, there is what grows.
+    let grown = fit.count as usize <= run.last - run.first;
     let run = Run { first: run.first + from, last: run.last + from, score: run.score };
-    Some(Found { fit, run, noise: *noise, undulates, unclear, from, part, half_q30: u32::MAX })
+    Some(Found { fit, run, noise: *noise, undulates, unclear, grown, contested, from, part, half_q30: u32::MAX })
 }
 
 /// The gate in which undulating ground is followed.
@@ -112,13 +118,13 @@ fn further(
     noise: &Noise,
 ) -> Option<(Fit, Run, Noise)> {
     let wide = wide(noise);
-    let (mut line, mut run) = search::find(samples, start, wanted, &wide)?;
+    let Best { mut line, mut run, .. } = search::find(samples, start, wanted, &wide)?;
     let (mut noise, mut gate, mut found) = (wide, wide, None);
     for _ in 0..PASSES {
         let shift = weigh(samples, 1, &gate, line.slope_q14());
         run = search::run(samples, (run.first + run.last) / 2, &line, wanted.obstruction);
         let part = samples.get_mut(run.first..=run.last)?;
-        let fitted = fit(part, 1, &line, shift)?;
+        let fitted = fit(part, 1, &line, shift, Gate::GROWN)?;
         line = fitted.line;
         noise = roughness_below(part, &line, &noise);
         // Half as wide again as what is in it: undulations have their neighbours on the same side.
@@ -204,23 +210,37 @@ const UNDULATES: u32 = (millimetres(3) * millimetres(3)) as u32;
 impl Found {
     /// Fits again over the samples between two places: the ends of a run lean on its own residuals, those of the hinges
     /// do not, so that no sample is chosen for lying where the line wants it.
-    pub fn settle(&mut self, samples: &mut [Sample], start: &Place, end: &Place, noise: &Noise) {
+    pub fn settle(&mut self, samples: &mut [Sample], start: &Place, end: &Place, noise: &Noise) -> bool {
+        let slope_q30 = self.fit.line.slope_q30;
         let first = inward_of(samples, self.fit.line.place_at(start.u));
         let past = inward_of(samples, self.fit.line.place_at(end.u));
+        let gate = if self.grown { Gate::GROWN } else { Gate::BARE };
         if let Some(part) = samples.get_mut(first..past)
-            && let Some(fit) = refit(part, &self.fit.line, noise)
+            && let Some(fit) = refit(part, &self.fit.line, noise, gate)
             && fit.count >= LEAST_SAMPLES.min(self.fit.count)
         {
             self.fit = if self.undulates { uneven(fit, noise) } else { fit };
         }
-        self.half_q30 = interval(&self.fit);
+        // Twice as wide for each reason to think that another line is the ground: among what lies off this one, one that fits almost as well; and
+        // most samples not on this one.
+        let (on, all) = (self.fit.count as usize, past.saturating_sub(first));
+        let doubts = u32::from(self.contested && 8 * on < 7 * all) + u32::from(2 * on < all);
+        let share_q8 = samples.get((first + past) / 2).map_or(0, |middle| {
+            ((u64::from(noise.rough2) << 8) / u64::from(noise.variance(middle, self.fit.line.slope_q14()).max(1)))
+                as u32
+        });
+        self.half_q30 = interval(&self.fit, share_q8).saturating_mul(1 << doubts);
+        slope_q30.abs_diff(self.fit.line.slope_q30) > MOVED_Q30
     }
 }
 
+/// About 0.06 degrees.
+const MOVED_Q30: u32 = 1 << 20;
+
 /// A step with weights of the present noise.
-fn refit(part: &mut [Sample], line: &Line, noise: &Noise) -> Option<Fit> {
+fn refit(part: &mut [Sample], line: &Line, noise: &Noise, gate: Gate) -> Option<Fit> {
     let shift = weigh(part, 1, noise, line.slope_q14());
-    fit(part, 1, line, shift)
+    fit(part, 1, line, shift, gate)
 }
 
 /// The noise with a roughness that explains the residuals of a fit.
@@ -234,9 +254,12 @@ fn roughened(noise: &Noise, fitted: &Fit, part: &[Sample]) -> Noise {
     Noise { rough2, ..*noise }
 }
 
-/// Half width of the 95 % interval of a slope, 30 fraction bits.
-fn interval(fitted: &Fit) -> u32 {
-    let scale = Magnitude::new(u64::from(fitted.ratio_q10(INTERVAL_PRIOR)), -10);
+/// Half width of the 95 % interval of a slope, 30 fraction bits, of a fit whose samples owe `share_q8` of their variance to roughness.
+fn interval(fitted: &Fit, share_q8: u32) -> u32 {
+    // The residuals that tell a roughness have chosen the hinges too: where all is roughness the variance is a sixth more than they say
+    // (simulated slopes on surfaces rough by 2 and 5 mm).
+    let scale = u64::from(fitted.ratio_q10(INTERVAL_PRIOR)) * u64::from(6 * 256 + share_q8) / 6;
+    let scale = Magnitude::new(scale, -18);
     // Student's t at 97.5 %: 1.96 + 2.37 / n + 2.8 / n^2, good to 1 % from 5 degrees of freedom on.
     let freedom = u64::from((fitted.effective_q8 >> 8).saturating_sub(2) + INTERVAL_PRIOR).max(1);
     let t_q10 = 2007 + 2427 / freedom + 2867 / (freedom * freedom);
