@@ -148,7 +148,7 @@ impl Fit {
         let chi2_q8 = self.chi2_q8 + (prior << 8);
         // At most 3.1.
         let mean_q10 = ((u64::from(chi2_q8) << 10) / u64::from(freedom_q8.max(1))).min(3_174) as u32;
-        (self.gate.limit_q10 - 1024) * mean_q10 / (self.gate.limit_q10 - mean_q10)
+        (self.gate.limit_q10 - 1024) * mean_q10 / self.gate.limit_q10.saturating_sub(mean_q10).max(1)
     }
 }
 
