@@ -20,9 +20,9 @@ use super::account::{Losses, Shared};
 use super::commands::Commands;
 use super::drive_name::drive_name;
 use super::session::{Heard, Order};
-use super::state::{Lost, Phase, Recording};
+use super::state::{Phase, Recording};
 use crate::record::space::{RESERVE, Space, Watch};
-use crate::record::{ANSWER, Tape};
+use crate::record::{ANSWER, Lost, Tape};
 use crate::{log, output};
 
 /// How long after a session's end its last profiles come: a scan waits 213 ms at most.
