@@ -26,7 +26,7 @@ mod track_sketch;
 mod view;
 
 pub use commands::{Refusal, Request};
-pub use drive_name::drive_name;
+pub use drive_name::DriveName;
 pub use hub::{Cursor, Hub, News};
 pub use lamps::{Lamp, Light};
 pub use session::{Error, Live, Source};
