@@ -73,28 +73,10 @@ export function showDrive(state) {
   $("source").title = state.source.name;
 }
 
-/** What a recording has lost on the way from the board, each in its own unit. */
-function lost(recording) {
-  const counted = (count, one, many) => count && `${count} ${count === 1 ? one : many}`;
-  return [
-    counted(recording.frames_lost, "frame lost", "frames lost"),
-    counted(recording.bytes_lost, "byte lost", "bytes lost"),
-    counted(recording.unknown_gaps, "gap of unknown length", "gaps of unknown length"),
-  ].filter(Boolean);
-}
-
-/** What became of a recording: saved, or what is amiss with it. */
-function kept(last) {
-  const amiss = [
-    last.error && "ended early",
-    !last.frames && "empty",
-    ...lost(last),
-    last.lost_on_board && `${last.lost_on_board} lost on the board`,
-    last.restarts && `${last.restarts} restart${last.restarts > 1 ? "s" : ""}`,
-    last.disconnected && "not connected at the end",
-    last.unconfigured && "wrong configuration",
-  ].filter(Boolean);
-  return [amiss.length ? "" : "saved", size(last.bytes), ...amiss].filter(Boolean).join(", ");
+/** What is on the tape, or has become of the last one: the server has the words. */
+function taped(state, recording) {
+  const amiss = state.recording_amiss;
+  return [recording === state.recording || amiss.length ? "" : "saved", size(recording.bytes), ...amiss].filter(Boolean).join(", ");
 }
 
 export function showRecording(state) {
@@ -105,8 +87,10 @@ export function showRecording(state) {
   button.classList.toggle("busy", now.phase === "starting" || now.phase === "ending");
   set($("record-label"), { idle: "Record", starting: "Starting", recording: "Stop", ending: "Ending" }[now.phase]);
   button.setAttribute("aria-pressed", String(on));
-  set($("record-time"), clock(on ? now.seconds : last ? last.seconds : 0));
-  set($("record-size"), on ? [size(now.bytes), ...lost(now)].join(", ") : last ? kept(last) : "not recording");
+  const shown = on ? now : last;
+  set($("record-time"), clock(shown?.seconds ?? 0));
+  set($("record-size"), shown ? taped(state, shown) : "not recording");
+  $("record-size").title = $("record-size").textContent;
   $("drive").disabled = on;
   $("drive").placeholder = on ? now.name : "date and time";
 }

@@ -21,6 +21,7 @@ mod gather;
 mod ground;
 mod join;
 mod layers;
+mod picture;
 pub(crate) mod statistics;
 
 use std::path::Path;
@@ -40,7 +41,8 @@ use crate::stream::{Item, Stream};
 pub use estimate::estimate;
 pub use gather::Gatherer;
 pub use join::join;
-pub use layers::{Layers, layers};
+pub use layers::{DRAWN_SCANS, Layers, layers};
+pub use picture::picture;
 
 /// Scans that are read: half an hour. More would not make the answer better than the sensors are.
 const MOST_SCANS: usize = 67_500;

@@ -167,33 +167,101 @@ fn a_damaged_laz_frame_is_told_whatever_its_library_does() {
     let place = tempfile::tempdir().unwrap();
     let places: Vec<_> =
         (0..400u32).map(|index| [500_000.0 + f64::from(index.pow(2) % 977), 4_500_000.0, 1.0]).collect();
-    las_file(&place.path().join("a.laz"), &places);
-    let sound = fs::read(place.path().join("a.laz")).unwrap();
-    let first = u32::from_le_bytes(sound[96..100].try_into().unwrap()) as usize;
     let mut random = 1u64;
     let mut below = |bound: usize| {
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
         (random >> 33) as usize % bound
     };
-    for _ in 0..300 {
-        let mut bytes = sound.clone();
-        bytes[first + below(sound.len() - first)] ^= 1 << below(8);
-        let folder = folder(&[("0.laz", bytes)], IDENTITY);
-        if let Ok(frame) = points(folder.path(), &Choices::default(), 0) {
-            assert_eq!(frame.len(), 400);
+    // Packed point by point, and in layers.
+    for format in [0, 6] {
+        las_file_as(&place.path().join("a.laz"), &places, format, 0);
+        let sound = fs::read(place.path().join("a.laz")).unwrap();
+        let first = first_chunk(&sound) - 8;
+        for _ in 0..300 {
+            let mut bytes = sound.clone();
+            bytes[first + below(sound.len() - first)] ^= 1 << below(8);
+            let folder = folder(&[("0.laz", bytes)], IDENTITY);
+            if let Ok(frame) = points(folder.path(), &Choices::default(), 0) {
+                assert_eq!(frame.len(), 400);
+            }
         }
     }
 }
 
 fn las_file(path: &Path, places: &[[f64; 3]]) {
+    las_file_as(path, places, 0, 0);
+}
+
+fn las_file_as(path: &Path, places: &[[f64; 3]], format: u8, extra_bytes: u16) {
     let mut builder = las::Builder::from((1, 4));
+    builder.point_format = las::point::Format { extra_bytes, ..las::point::Format::new(format).unwrap() };
     let axis = |offset: f64| las::Transform { scale: 0.001, offset };
     builder.transforms = las::Vector { x: axis(500_000.0), y: axis(4_500_000.0), z: axis(0.0) };
     let mut writer = las::Writer::from_path(path, builder.into_header().unwrap()).unwrap();
+    let has = las::point::Format::new(format).unwrap();
     for [x, y, z] in places {
-        writer.write_point(las::Point { x: *x, y: *y, z: *z, ..Default::default() }).unwrap();
+        let point = las::Point {
+            x: *x,
+            y: *y,
+            z: *z,
+            gps_time: has.has_gps_time.then_some(1.0),
+            color: has.has_color.then(las::Color::default),
+            nir: has.has_nir.then_some(0),
+            waveform: has.has_waveform.then(las::raw::point::Waveform::default),
+            extra_bytes: vec![0; extra_bytes.into()],
+            ..Default::default()
+        };
+        writer.write_point(point).unwrap();
     }
     writer.close().unwrap();
+}
+
+/// Where the first chunk of LAZ begins.
+fn first_chunk(laz: &[u8]) -> usize {
+    u32::from_le_bytes(laz[96..100].try_into().unwrap()) as usize + 8
+}
+
+#[test]
+fn layers_of_laz_that_their_file_does_not_hold_are_refused_before_room_is_made_for_them() {
+    let place = tempfile::tempdir().unwrap();
+    let path = place.path().join("a.laz");
+    let places = |count: u32| -> Vec<_> {
+        (0..count).map(|i| [500_000.0 + f64::from(i.wrapping_mul(i) % 977), 4_500_000.0, 1.0]).collect()
+    };
+    let frame = |bytes: &[u8]| {
+        let folder = folder(&[("0.laz", bytes.to_vec())], IDENTITY);
+        points(folder.path(), &Choices::default(), 0)
+    };
+    let refused = |mut bytes: Vec<u8>, at: usize, value: u32, why: &str| {
+        bytes[at..at + 4].copy_from_slice(&value.to_le_bytes());
+        let told = frame(&bytes).unwrap_err().to_string();
+        assert!(told.contains(why), "{at}: {told}");
+    };
+    // Bytes of a point and layers of each format that has any; the second with extra bytes as well.
+    for (format, extra, point, layers) in
+        [(6, 0, 30, 9), (6, 3, 33, 12), (7, 0, 36, 10), (8, 0, 38, 11), (9, 0, 59, 10)]
+    {
+        las_file_as(&path, &places(400), format, extra);
+        let sound = fs::read(&path).unwrap();
+        assert_eq!(frame(&sound).unwrap().len(), 400, "format {format}");
+        let count = first_chunk(&sound) + point;
+        for layer in 1..=layers {
+            refused(sound.clone(), count + 4 * layer, u32::MAX, "a chunk with layers of 4294");
+        }
+        refused(sound.clone(), count, 0, "a chunk without points");
+        refused(sound.clone(), count, 399, "");
+    }
+    // The second of two chunks: behind the layers of the first.
+    las_file_as(&path, &places(50_001), 6, 0);
+    let sound = fs::read(&path).unwrap();
+    assert_eq!(frame(&sound).unwrap().len(), 50_001);
+    let lengths = first_chunk(&sound) + 34;
+    let layers = sound[lengths..lengths + 36].chunks(4).map(|n| u32::from_le_bytes(n.try_into().unwrap()) as usize);
+    let second = lengths + 36 + layers.sum::<usize>();
+    assert_eq!(sound[second + 30..second + 34], [1, 0, 0, 0], "one point");
+    refused(sound.clone(), second + 34, 0x1000_0000, "a chunk with layers of 268435");
+    // Without the first chunk's number of points, nothing behind it is known to be one, and nothing behind it is read.
+    refused(sound.clone(), lengths - 4, 50_001, "");
 }
 
 #[test]

@@ -160,7 +160,9 @@ fn a_short_drive_is_cut_at_every_byte() {
     let end = whole.bytes.len() - 4 * MARK;
     let marks = own(&whole.bytes);
     let cuts = (0..whole.bytes.len()).filter(|at| is_long() || at % 211 == 0 || *at < 160 || *at >= end);
+    let mut cut = 0;
     for fuel in cuts {
+        cut += 1;
         let (disk, went) = write(&frames, fuel);
         let (mut found, mut expected) = (disk.bytes.clone(), whole.bytes[..fuel].to_vec());
         for mark in marks.iter().map(|mark| mark.start.min(fuel)..mark.end.min(fuel)) {
@@ -173,6 +175,7 @@ fn a_short_drive_is_cut_at_every_byte() {
         // The worst that the disk may do: what was not synced is gone.
         check(&disk.bytes[..disk.synced], whole.bytes.len(), &frames, went, folder.path());
     }
+    println!("cut at {cut} of {} bytes, at most {most} of {} frames lost", whole.bytes.len(), frames.len());
     assert!(most > 0);
 }
 

@@ -10,6 +10,9 @@ use crate::section::Place;
 use crate::statistics;
 use crate::units::place;
 
+/// Scans whose points make a picture.
+pub const DRAWN_SCANS: usize = 60;
+
 /// Points of some scans, and how far they lie from one line.
 #[derive(Clone, Debug, Default)]
 pub struct Layers {
@@ -21,16 +24,16 @@ pub struct Layers {
     pub corrected: Vec<Place>,
 }
 
-/// The ground within three metres of the sensor, of so many scans spread over the log.
+/// The ground within three metres of the sensor, of [`DRAWN_SCANS`] spread over the log.
 ///
 /// # Errors
 /// As of [`Estimate::scanner`].
-pub fn layers(drive: &Drive, found: &Estimate, scans: usize) -> Result<Layers, Refusal> {
+pub fn layers(drive: &Drive, found: &Estimate) -> Result<Layers, Refusal> {
     let ground = Ground::new(drive);
     let old = drive.config.scanner;
     let untilted = Scanner { mounting_offset: Angle::ZERO, ..old };
     let new = found.scanner(&old)?;
-    let step = (drive.scans.len() / scans.max(1)).max(1);
+    let step = (drive.scans.len() / DRAWN_SCANS).max(1);
     let mut layers = Layers::default();
     // From the middle of the first part, so that neither end of the log counts more.
     for scan in drive.scans.iter().skip(step / 2).step_by(step) {

@@ -8,16 +8,13 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use crossfall::calibrate::{self, Drive, Estimate, Layers, Sample, Surface};
-use crossfall::plot::{self, Courses};
+use crossfall::calibrate::{self, DRAWN_SCANS, Drive, Estimate, Sample, Surface};
+use crossfall::plot;
 use crossfall::{config, output};
 use crossfall_core::protocol::message::Pose;
 
 use super::plot::Theme;
 use super::{Outcome, distinct, drives, number, paths, say, say_json, tell, usage};
-
-/// Scans whose points are drawn.
-const DRAWN_SCANS: usize = 60;
 
 /// Find the scanner's mounting offset and delay, with their uncertainty
 #[derive(clap::Args)]
@@ -135,9 +132,6 @@ fn text(found: &Estimate) -> String {
 
 /// Draws roll, slope seen and residual as the paper's figure 5.
 pub fn draw_rock(found: &Estimate, samples: &[Sample], path: &Path, theme: plot::Theme) -> anyhow::Result<()> {
-    let course = |of: fn(&Sample) -> f64| samples.iter().map(|s| (s.seconds, of(s))).collect::<Vec<_>>();
-    let mean = samples.iter().map(|s| s.before_deg).sum::<f64>() / samples.len().max(1) as f64;
-    let before: Vec<_> = samples.iter().map(|s| (s.seconds, s.before_deg - mean)).collect();
     let note = format!(
         "offset {:+.4}\u{b0} \u{b1} {:.4}\u{b0}, delay {:.0} \u{b1} {:.0} us (standard errors); residual {:.4}\u{b0} before, {:.4}\u{b0} after",
         found.roll_offset_deg,
@@ -147,22 +141,14 @@ pub fn draw_rock(found: &Estimate, samples: &[Sample], path: &Path, theme: plot:
         found.residual_before_deg,
         found.residual_after_deg
     );
-    let picture = Courses {
-        title: "Roll by the inertial unit and slope of the ground by the scanner",
-        note: &note.replace('-', "\u{2212}"),
-        first: ("roll by the inertial unit", &course(|s| s.roll_deg)),
-        second: ("slope of the ground by the scanner, one scan each", &course(|s| s.seen_roll_deg)),
-        shown_s: (0.0, samples.last().map_or(1.0, |s| s.seconds).min(8.0)),
-        before: Some(("residual with the old delay", &before)),
-        left: ("residual with the delay found, the whole test", &course(|s| s.after_deg)),
-        left_axis: "residual, \u{b0}",
-    };
-    Ok(output::write(path, plot::courses(&picture, theme)?.as_bytes())?)
+    let picture =
+        calibrate::picture(samples, "Roll by the inertial unit and slope of the ground by the scanner", &note, theme)?;
+    Ok(output::write(path, picture.as_bytes())?)
 }
 
 /// Draws the ground before and after as the paper's figure 6.
 pub fn draw_ground(drive: &Drive, found: &Estimate, path: &Path, theme: plot::Theme) -> anyhow::Result<()> {
-    let layers: Layers = calibrate::layers(drive, found, DRAWN_SCANS)?;
+    let layers = calibrate::layers(drive, found)?;
     let note = format!("{DRAWN_SCANS} scans spread over the log, within three metres of the sensor, seen from behind");
     let picture = plot::layers(&layers, "The ground under the vehicle", &note, theme)?;
     Ok(output::write(path, picture.as_bytes())?)

@@ -13,7 +13,7 @@ use crossfall::compare::manual::{self, Manual};
 use crossfall::compare::{Agreement, Drive, Options, Repeat, Sides, repeat};
 use crossfall::container::Error;
 use crossfall::output;
-use crossfall::plot::{self, Courses, Twice, Words};
+use crossfall::plot::{self, Words};
 
 use super::plot::Theme;
 use super::{Outcome, drives, number, say, say_json, tell, tell_passed_over};
@@ -119,25 +119,9 @@ fn attitude_text(found: &Comparison) -> String {
 
 /// Draws two units' roll and their difference.
 pub fn draw_attitude(found: &Comparison, path: &Path, theme: plot::Theme) -> anyhow::Result<()> {
-    let first: Vec<_> = found.samples.iter().map(|s| (s.seconds, s.first_deg)).collect();
-    let second: Vec<_> = found.samples.iter().step_by(10).map(|s| (s.seconds, s.second_deg)).collect();
-    let left: Vec<_> = found.samples.iter().map(|s| (s.seconds, s.second_deg - s.first_deg)).collect();
-    let end = left.last().map_or(1.0, |at| at.0);
-    let note = format!(
-        "difference: mean {:.3}\u{b0}, RMS about it {:.3}\u{b0}, {} instants",
-        found.roll.mean_deg, found.roll.rms_deg, found.poses
-    );
-    let picture = Courses {
-        title: "Roll by two inertial units",
-        note: &note.replace('-', "\u{2212}"),
-        first: ("unit in the vehicle", &first),
-        second: ("unit on the scanner", &second),
-        shown_s: (0.0, end.min(20.0)),
-        before: None,
-        left: ("second less first, the whole drive", &left),
-        left_axis: "difference, \u{b0}",
-    };
-    Ok(output::write(path, plot::courses(&picture, theme)?.as_bytes())?)
+    let note = format!("{}, {} instants", found.said(), found.poses);
+    let picture = found.picture("Roll by two inertial units", &note, theme)?;
+    Ok(output::write(path, picture.as_bytes())?)
 }
 
 /// Repeat drives and measurements by hand.
@@ -274,7 +258,6 @@ fn shortened(name: &str) -> String {
 
 /// Draws repeat drives as the paper's figure 7b.
 pub fn draw_repeat(found: &Repeat, path: &Path, theme: plot::Theme) -> anyhow::Result<()> {
-    let dots: Vec<Twice> = found.dots.iter().map(Twice::from).collect();
     let note = format!(
         "mean absolute variation: adjacent {:.2}\u{b0}, opposing {:.2}\u{b0}, all {:.2}\u{b0}, {} pairs",
         found.adjacent.mean_absolute_deg,
@@ -288,12 +271,12 @@ pub fn draw_repeat(found: &Repeat, path: &Path, theme: plot::Theme) -> anyhow::R
         first: "first drive, \u{b0}",
         other: "other drives, \u{b0}",
     };
-    Ok(output::write(path, plot::agreement(&dots, &words, theme)?.as_bytes())?)
+    Ok(output::write(path, plot::agreement(&found.dots, &words, theme)?.as_bytes())?)
 }
 
 /// Draws measurements by hand as the paper's figure 7a.
 pub fn draw_manual(found: &[Manual], path: &Path, theme: plot::Theme) -> anyhow::Result<()> {
-    let dots: Vec<Twice> = found.iter().flat_map(|manual| &manual.held).map(Twice::from).collect();
+    let dots = found.iter().flat_map(|manual| &manual.held);
     let matched: usize = found.iter().map(|manual| manual.all.matched).sum();
     let sum: f64 = found.iter().map(|manual| manual.all.mean_absolute_deg * manual.all.matched as f64).sum();
     let note = format!("mean absolute error {:.2}\u{b0}, {matched} measurements", sum / matched.max(1) as f64);
@@ -303,5 +286,5 @@ pub fn draw_manual(found: &[Manual], path: &Path, theme: plot::Theme) -> anyhow:
         first: "by hand, \u{b0}",
         other: "by the scanner, \u{b0}",
     };
-    Ok(output::write(path, plot::agreement(&dots, &words, theme)?.as_bytes())?)
+    Ok(output::write(path, plot::agreement(dots, &words, theme)?.as_bytes())?)
 }

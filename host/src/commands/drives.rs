@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use crossfall::container;
 use crossfall::log::Parts;
 
+use super::inputs::real;
 use super::{tell, usage};
 
 /// The drives that are named, each once. A file that belongs to another one of them is read with that and not once more. Tells how many files a drive has, and
@@ -61,8 +62,4 @@ fn told(log: &Path, recording: &Parts) {
     if recording.files.len() > 1 {
         tell!("{}: {} files, read as one drive", log.display(), recording.files.len());
     }
-}
-
-fn real(path: &Path) -> PathBuf {
-    path.canonicalize().unwrap_or_else(|_| path.to_path_buf())
 }

@@ -22,19 +22,41 @@ pub fn paths<'a>(all: impl IntoIterator<Item = &'a PathBuf>) -> Vec<&'a Path> {
     all.into_iter().map(PathBuf::as_path).collect()
 }
 
+/// A file, however it is named. One that is not there yet is known by its folder, and by its name alone where that is not there either.
+pub fn real(path: &Path) -> PathBuf {
+    let by_folder = || Some(output::folder_of(path).canonicalize().ok()?.join(path.file_name()?));
+    path.canonicalize().ok().or_else(by_folder).unwrap_or_else(|| path.to_path_buf())
+}
+
 /// Refuses to write a file over one that is read, or two into one.
 pub fn distinct(inputs: &[&Path], outputs: &[&Path]) -> anyhow::Result<()> {
-    // A file that is not there yet is known by its folder. What is no file (`/dev/null`) takes all there is.
-    let real = |path: &Path| {
-        path.canonicalize().ok().or_else(|| Some(output::folder_of(path).canonicalize().ok()?.join(path.file_name()?)))
-    };
-    let inputs: Vec<_> = inputs.iter().filter_map(|input| real(input)).collect();
+    // What is no file (`/dev/null`) takes all there is.
+    let inputs: Vec<_> = inputs.iter().map(|input| real(input)).collect();
     let mut written = Vec::new();
     for output in outputs.iter().filter(|output| !output.exists() || output.is_file()) {
-        let Some(place) = real(output) else { continue };
+        let place = real(output);
         anyhow::ensure!(!inputs.contains(&place), "{}: is read, and cannot be written as well", output.display());
         anyhow::ensure!(!written.contains(&place), "{}: cannot be two outputs at once", output.display());
         written.push(place);
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_file_is_one_however_it_is_named_and_whether_it_is_there_or_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir(at("sub")).unwrap();
+        std::fs::write(at("there"), "").unwrap();
+        for (one, other) in [("there", "sub/../there"), ("not", "sub/../not"), ("gone/a", "gone/a")] {
+            assert_eq!(real(&at(one)), real(&at(other)), "{one}");
+            assert!(distinct(&[], &[&at(one), &at(other)]).is_err(), "{one} twice");
+            assert!(distinct(&[&at(one)], &[&at(other)]).is_err(), "{one} read and written");
+        }
+        assert!(distinct(&[&at("there")], &[&at("not"), &at("gone/a"), &at("gone/b")]).is_ok());
+    }
 }

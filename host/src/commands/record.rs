@@ -8,13 +8,14 @@
 //! large or too long is followed by another (`drive.log.part0002.mcap`). When the disk runs out of room, that is told long before, and
 //! the recording ends, with a whole log, while there is some left.
 
+use std::iter;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use crossfall::log;
 use crossfall::record::space::{Space, Watch};
-use crossfall::record::{self, Device, Outbox, Summary};
+use crossfall::record::{self, Device, Lost, Outbox, Summary};
 
 use super::log_args::LogArgs;
 use super::progress::Progress;
@@ -124,15 +125,23 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 /// A recording in one line.
 fn line(summary: &Summary) -> String {
     let Summary { seconds, frames, profiles, bad_frames, missing_frames, reconnects, .. } = summary;
-    let mut told = format!(
+    let counts = format!(
         "{seconds:.1} s, {frames} frames, {profiles} profiles, {bad_frames} bad, {missing_frames} missing, {reconnects} reconnects"
     );
-    // Bytes without room are no frames yet, and gaps without a count no number of them.
-    if summary.bytes_lost > 0 {
-        told += &format!(", {} bytes lost", summary.bytes_lost);
+    // Its frames are counted already, the damaged apart from the missing.
+    iter::once(counts).chain(Lost::of(summary).uncounted()).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_line_tells_what_no_number_of_frames_does_behind_the_frames() {
+        let whole = Summary { seconds: 2.04, frames: 90, profiles: 80, reconnects: 1, ..Summary::default() };
+        assert_eq!(line(&whole), "2.0 s, 90 frames, 80 profiles, 0 bad, 0 missing, 1 reconnects");
+        let torn = Summary { bad_frames: 1, missing_frames: 2, bytes_lost: 70_000, unknown_gaps: 1, ..whole };
+        let frames = "2.0 s, 90 frames, 80 profiles, 1 bad, 2 missing, 1 reconnects";
+        assert_eq!(line(&torn), format!("{frames}, 70000 bytes lost, 1 gap of unknown length"));
     }
-    if summary.unknown_gaps > 0 {
-        told += &format!(", {} gaps of unknown length", summary.unknown_gaps);
-    }
-    told
 }

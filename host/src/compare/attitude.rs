@@ -15,6 +15,7 @@ use crate::calibrate::statistics::{HighPass, Residual, regress};
 use crate::capture::{Channel, Reader};
 use crate::container::Error;
 use crate::geodesy::turned_deg;
+use crate::plot::{self, Courses, Theme};
 use crate::statistics::deviation;
 use crate::track::{Order, Sequence};
 use crate::units::degrees;
@@ -67,6 +68,39 @@ pub struct Sample {
     /// Roll by the second.
     pub second_deg: f64,
 }
+
+impl Comparison {
+    /// How both units agree in roll, in words.
+    #[must_use]
+    pub fn said(&self) -> String {
+        let Difference { mean_deg, rms_deg, .. } = self.roll;
+        format!("difference: mean {mean_deg:.3}\u{b0}, RMS about it {rms_deg:.3}\u{b0}")
+    }
+
+    /// Draws both units' roll and their difference as SVG, under a title and a line of the caller's.
+    ///
+    /// # Errors
+    /// When the drawing library fails.
+    pub fn picture(&self, title: &str, note: &str, theme: Theme) -> Result<String, plot::Error> {
+        let first: Vec<_> = self.samples.iter().map(|s| (s.seconds, s.first_deg)).collect();
+        let second: Vec<_> = self.samples.iter().step_by(10).map(|s| (s.seconds, s.second_deg)).collect();
+        let left: Vec<_> = self.samples.iter().map(|s| (s.seconds, s.second_deg - s.first_deg)).collect();
+        let courses = Courses {
+            title,
+            note: &note.replace('-', "\u{2212}"),
+            first: ("unit in the vehicle", &first),
+            second: ("unit on the scanner", &second),
+            shown_s: (0.0, left.last().map_or(1.0, |at| at.0).min(SHOWN_S)),
+            before: None,
+            left: ("second less first, the whole drive", &left),
+            left_axis: "difference, \u{b0}",
+        };
+        plot::courses(&courses, theme)
+    }
+}
+
+/// The most of the courses that is shown, in seconds.
+const SHOWN_S: f64 = 20.0;
 
 /// A lag with a greater standard error is not told, in microseconds.
 const MAX_LAG_SE_US: f64 = 5_000.0;

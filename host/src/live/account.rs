@@ -1,8 +1,8 @@
 //! What recordings have come to: shared by the thread that records and those that show it.
 
-use super::state::{Lost, Phase, Recording};
+use super::state::{Phase, Recording};
 use crate::output;
-use crate::record::Summary;
+use crate::record::{Lost, Summary};
 
 /// What the recorder's thread and the viewers share.
 #[derive(Debug, Default)]

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use tokio::sync::oneshot;
 
 use super::Live;
-use super::drive_name::drive_name;
+use super::drive_name::DriveName;
 use super::player::MAX_SPEED;
 use super::session::{Order, RockOrder};
 use crate::config;
@@ -159,7 +159,7 @@ impl Live {
     pub async fn execute(&self, request: Request) -> Result<Value, Refusal> {
         match request {
             Request::Record { name } => {
-                let name = drive_name(&name).map_err(Refusal::Invalid)?;
+                let name = DriveName::new(&name).map_err(Refusal::Invalid)?;
                 let (tell, told) = oneshot::channel();
                 self.order(Order::Record { name, tell });
                 let file = within(told).await?.map_err(Refusal::Conflict)?;

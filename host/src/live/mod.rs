@@ -26,10 +26,10 @@ mod track_sketch;
 mod view;
 
 pub use commands::{Refusal, Request};
-pub use drive_name::drive_name;
+pub use drive_name::DriveName;
 pub use hub::{Cursor, Hub, News};
 pub use lamps::{Lamp, Light};
 pub use session::{Error, Live, Source};
-pub use state::{Lamps, Lost, Phase, Recording, State};
+pub use state::{Lamps, Phase, Recording, State};
 pub use tape::Logs;
 pub use view::{Piece, Section, SideView, Strip};

@@ -436,6 +436,7 @@ impl Model {
                 disk: lamps::disk(&senses),
                 link: lamps::link(&senses),
             },
+            recording_amiss: recording.told(last_recording.as_ref()),
             recording,
             last_recording,
             replay,

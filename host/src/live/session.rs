@@ -15,6 +15,7 @@ use tokio::sync::oneshot;
 
 use super::account::Shared;
 use super::commands::Commands;
+use super::drive_name::DriveName;
 use super::film::Film;
 use super::hub::Hub;
 use super::model::Model;
@@ -45,7 +46,7 @@ pub enum Order {
     /// Begin a recording.
     Record {
         /// The drive's name.
-        name: String,
+        name: DriveName,
         /// The log's path, or why there is none.
         tell: oneshot::Sender<Result<String, String>>,
     },
@@ -187,7 +188,7 @@ impl Live {
     /// Begins a recording, or ends the one there is; what comes of it shows in the state.
     pub fn toggle_recording(&self) {
         let order = match self.hub().state().recording.phase {
-            super::Phase::Idle => Order::Record { name: String::new(), tell: oneshot::channel().0 },
+            super::Phase::Idle => Order::Record { name: DriveName::of_now(), tell: oneshot::channel().0 },
             _ => Order::Stop { tell: None },
         };
         self.order(order);

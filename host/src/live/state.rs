@@ -8,7 +8,7 @@ use super::faults::Fault;
 use super::lamps::Lamp;
 use super::player::Transport;
 use super::rock_test::RockTest;
-use crate::record::{Amiss, Summary};
+use crate::record::{Amiss, Lost};
 
 /// Everything but sections, charts and track.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -25,6 +25,8 @@ pub struct State {
     pub recording: Recording,
     /// The one before, when it has ended.
     pub last_recording: Option<Recording>,
+    /// In words: what the recording has lost so far or, while there is none, what is amiss with the one before.
+    pub recording_amiss: Vec<String>,
     /// The replay, when it is one.
     pub replay: Option<Transport>,
     /// Counters of losses, those that are 0 too.
@@ -101,54 +103,6 @@ pub enum Phase {
     Ending,
 }
 
-/// What was lost between board and log, each in its own unit.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Lost {
-    /// Frames that are damaged, or missing by their numbers.
-    pub frames_lost: u64,
-    /// Bytes that found no room, because the log could not be written fast enough.
-    pub bytes_lost: u64,
-    /// Gaps too long for the numbers to count.
-    pub unknown_gaps: u64,
-}
-
-impl Lost {
-    /// What a connection has lost so far.
-    #[must_use]
-    pub fn of(summary: &Summary) -> Self {
-        Self {
-            frames_lost: summary.bad_frames + summary.missing_frames,
-            bytes_lost: summary.bytes_lost,
-            unknown_gaps: summary.unknown_gaps,
-        }
-    }
-
-    /// What was lost since.
-    #[must_use]
-    pub fn since(self, before: Self) -> Self {
-        Self {
-            frames_lost: self.frames_lost.saturating_sub(before.frames_lost),
-            bytes_lost: self.bytes_lost.saturating_sub(before.bytes_lost),
-            unknown_gaps: self.unknown_gaps.saturating_sub(before.unknown_gaps),
-        }
-    }
-
-    /// In words, each with its unit; none where nothing was lost.
-    pub fn words(self) -> impl Iterator<Item = String> + use<> {
-        let counted = |count: u64, one: &str, many: &str| {
-            (count > 0).then(|| format!("{count} {} lost", if count == 1 { one } else { many }))
-        };
-        let gaps = match self.unknown_gaps {
-            0 => None,
-            1 => Some("1 gap of unknown length".to_owned()),
-            gaps => Some(format!("{gaps} gaps of unknown length")),
-        };
-        [counted(self.frames_lost, "frame", "frames"), counted(self.bytes_lost, "byte", "bytes"), gaps]
-            .into_iter()
-            .flatten()
-    }
-}
-
 /// A recording.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Recording {
@@ -194,6 +148,14 @@ impl Recording {
         early.into_iter().chain(lost.words()).chain(on_board).chain(end.words()).collect()
     }
 
+    /// What viewers are told: while it lasts what it has lost so far, and else what is amiss with the one before.
+    pub(super) fn told(&self, before: Option<&Self>) -> Vec<String> {
+        match (self.phase, before) {
+            (Phase::Idle, before) => before.map(Self::amiss).unwrap_or_default(),
+            _ => self.lost.words().collect(),
+        }
+    }
+
     /// Whether nothing is [`amiss`](Self::amiss).
     #[must_use]
     pub fn is_whole(&self) -> bool {
@@ -235,4 +197,26 @@ pub struct MarkerState {
     pub station_m: Option<f64>,
     /// Metres east and north of the track's beginning.
     pub place_m: Option<[f32; 2]>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn viewers_are_told_of_the_recording_under_way_or_of_the_one_before() {
+        let lost = |frames_lost| Lost { frames_lost, ..Lost::default() };
+        let last = Recording { frames: 9, lost: lost(1), disconnected: true, ..Recording::default() };
+        let idle = Recording::default();
+        assert_eq!(idle.told(None), [""; 0]);
+        let told = idle.told(Some(&last));
+        assert_eq!((told.len(), &*told[0]), (2, "1 frame lost"));
+        assert!(told[1].starts_with("not connected at the end"), "{told:?}");
+        // What has no frame yet is nothing amiss while it lasts.
+        for phase in [Phase::Starting, Phase::Recording, Phase::Ending] {
+            assert_eq!(Recording { phase, ..Recording::default() }.told(Some(&last)), [""; 0]);
+        }
+        let now = Recording { phase: Phase::Recording, lost: lost(2), ..Recording::default() };
+        assert_eq!(now.told(Some(&last)), ["2 frames lost"]);
+    }
 }

@@ -18,11 +18,11 @@ use crossfall_core::protocol::message::{Command, Message, Session};
 
 use super::account::{Losses, Shared};
 use super::commands::Commands;
-use super::drive_name::drive_name;
+use super::drive_name::DriveName;
 use super::session::{Heard, Order};
-use super::state::{Lost, Phase, Recording};
+use super::state::{Phase, Recording};
 use crate::record::space::{RESERVE, Space, Watch};
-use crate::record::{ANSWER, Tape};
+use crate::record::{ANSWER, Lost, Tape};
 use crate::{log, output};
 
 /// How long after a session's end its last profiles come: a scan waits 213 ms at most.
@@ -142,21 +142,21 @@ impl LiveTape {
         }
     }
 
-    fn begin(&mut self, name: &str) -> Result<String, String> {
+    fn begin(&mut self, name: &DriveName) -> Result<String, String> {
         if !matches!(self.step, Step::Idle) {
             return Err("a recording is under way".into());
         }
-        let name = drive_name(name)?;
         self.watch = Watch::over_folder(self.logs.folder.clone(), self.logs.min_free);
         if let Some(Space::Full { free }) = self.watch.look(0, 0.0) {
             let words = full(free);
             self.share(|shared| shared.disk_error = Some(words.clone()));
             return Err(words);
         }
-        let (path, log) = self.create(&name)?;
+        let (path, log) = self.create(name)?;
         let file = path.display().to_string();
         self.before = self.share(|shared| {
             shared.disk_error = None;
+            let name = name.to_string();
             shared.recording = Recording { phase: Phase::Starting, name, file: file.clone(), ..Recording::default() };
             Losses::of(&shared.summary)
         });
@@ -167,7 +167,7 @@ impl LiveTape {
     }
 
     /// A new log; a name that is taken gets a number.
-    fn create(&self, name: &str) -> Result<(PathBuf, log::Writer), String> {
+    fn create(&self, name: &DriveName) -> Result<(PathBuf, log::Writer), String> {
         for number in 1..10_000 {
             let file = if number == 1 { format!("{name}.log.mcap") } else { format!("{name}-{number}.log.mcap") };
             let path = self.logs.folder.join(file);

@@ -55,8 +55,12 @@ pub struct Words<'a> {
 ///
 /// # Errors
 /// When the drawing library fails.
-pub fn agreement(slopes: &[Twice], words: &Words<'_>, theme: Theme) -> Result<String, Error> {
-    svg(SIZE, |area| draw(area, slopes, words, theme))
+pub fn agreement<S>(slopes: impl IntoIterator<Item = S>, words: &Words<'_>, theme: Theme) -> Result<String, Error>
+where
+    Twice: From<S>,
+{
+    let slopes: Vec<_> = slopes.into_iter().map(Twice::from).collect();
+    svg(SIZE, |area| draw(area, &slopes, words, theme))
 }
 
 fn draw(

@@ -11,7 +11,7 @@ use super::surface_truth::RESOLUTION_DEG;
 use super::{Error, Line, Picture, RANGE_NOISE_MM, Report, limit, mean_magnitude};
 use crate::compare::{Kind, Options, Sides, manual};
 use crate::output;
-use crate::plot::{self, Twice, Words};
+use crate::plot::{self, Words};
 use crate::side::Side;
 use crate::simulate::noise::{Noise, Purpose};
 use crate::simulate::scene::{Interpolation, Mode, Scene, Station, StationSide};
@@ -110,7 +110,6 @@ pub fn run(bench: &Bench, report: &mut Report) -> Result<(), Error> {
         line("mean error against the inclinometer", Some(0.36), errors.0, errors.1, mean_magnitude(deviation), "deg");
         line("boards found", None, found(measuring), found(searched), 1.0, "share");
         if range_noise_mm == RANGE_NOISE_MM[1] {
-            let dots: Vec<Twice> = measuring.held.iter().map(Twice::from).collect();
             let note = format!("10 mm range noise; mean error {:.3}\u{b0}, the paper\u{2019}s 0.36\u{b0}", errors.0);
             let words = Words {
                 title: "Boards at 2 to 3 m",
@@ -121,7 +120,7 @@ pub fn run(bench: &Bench, report: &mut Report) -> Result<(), Error> {
             report.pictures.push(Picture::new(
                 "validation-boards",
                 "Slopes of boards by the scanner against those by an inclinometer: all lie on the line of equality",
-                |theme| plot::agreement(&dots, &words, theme),
+                |theme| plot::agreement(&measuring.held, &words, theme),
             )?);
         }
     }

@@ -12,7 +12,7 @@ use super::surface_truth::{self, TrueSlope};
 use super::{Error, Line, Picture, RANGE_NOISE_MM, Report, limit, mean_magnitude};
 use crate::compare::{Drive, Kind, Options, Sides, manual};
 use crate::output;
-use crate::plot::{self, Twice, Words};
+use crate::plot::{self, Words};
 use crate::side::Side;
 use crate::simulate::scene::{Random, Scene, Surface, Vegetation};
 use crate::simulate::{surface, truth};
@@ -171,7 +171,6 @@ fn mean_size(values: &[f64]) -> f64 {
 }
 
 fn picture(held: &manual::Manual, report: &mut Report) -> Result<(), Error> {
-    let dots: Vec<Twice> = held.held.iter().map(Twice::from).collect();
     let note = format!(
         "10 mm range noise, 30 % grass; mean difference {:.2}\u{b0}, the paper\u{2019}s 0.62\u{b0}",
         held.all.mean_absolute_deg
@@ -185,7 +184,7 @@ fn picture(held: &manual::Manual, report: &mut Report) -> Result<(), Error> {
     report.pictures.push(Picture::new(
         "validation-medians",
         "Slopes of medians by the scanner against those by an inclinometer on part of the slope",
-        |theme| plot::agreement(&dots, &words, theme),
+        |theme| plot::agreement(&held.held, &words, theme),
     )?);
     Ok(())
 }

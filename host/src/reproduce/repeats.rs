@@ -9,7 +9,7 @@ use super::pipeline::{BOTH_METHODS, Bench, Captured};
 use super::surface_truth::{TrueSlope, surface};
 use super::{Error, Line, Picture, RANGE_NOISE_MM, Report, limit};
 use crate::compare::{Drive, Kind, Options, Repeat, Sides, repeat};
-use crate::plot::{self, Twice, Words};
+use crate::plot::{self, Words};
 use crate::side::Side;
 use crate::simulate::motion::Attitude;
 use crate::simulate::noise::{Noise, Purpose};
@@ -106,7 +106,6 @@ fn ideal(scene: &Scene, captured: &Captured, mut drive: Drive, range_noise_mm: f
 }
 
 fn picture(found: &Repeat, report: &mut Report) -> Result<(), Error> {
-    let dots: Vec<Twice> = found.dots.iter().map(Twice::from).collect();
     let note = format!(
         "10 mm range noise, grass, positions of 2 m; mean variation {:.2}\u{b0} adjacent, {:.2}\u{b0} opposing (paper: 0.56\u{b0}, 0.29\u{b0})",
         found.adjacent.mean_absolute_deg, found.opposing.mean_absolute_deg
@@ -120,7 +119,7 @@ fn picture(found: &Repeat, report: &mut Report) -> Result<(), Error> {
     report.pictures.push(Picture::new(
         "validation-repeats",
         "Slopes of the second and third drive against those of the first, scan by scan",
-        |theme| plot::agreement(&dots, &words, theme),
+        |theme| plot::agreement(&found.dots, &words, theme),
     )?);
     Ok(())
 }

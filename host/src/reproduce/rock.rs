@@ -2,8 +2,8 @@
 
 use super::pipeline::Bench;
 use super::{Error, Line, Picture, RANGE_NOISE_MM, Report, limit};
-use crate::calibrate::{self, Drive, Estimate, Sample, Surface};
-use crate::plot::{self, Courses};
+use crate::calibrate::{self, DRAWN_SCANS, Drive, Estimate, Sample, Surface};
+use crate::plot;
 use crate::simulate::scene::Scene;
 use crossfall_core::protocol::Config;
 
@@ -97,35 +97,22 @@ pub fn run(bench: &Bench, report: &mut Report) -> Result<(), Error> {
 const EXPECTED_MOST: f64 = 3.54;
 
 fn pictures(drive: &Drive, found: &Estimate, samples: &[Sample], report: &mut Report) -> Result<(), Error> {
-    let course = |of: fn(&Sample) -> f64| samples.iter().map(|s| (s.seconds, of(s))).collect::<Vec<_>>();
-    let mean = samples.iter().map(|s| s.before_deg).sum::<f64>() / samples.len().max(1) as f64;
-    let before: Vec<_> = samples.iter().map(|s| (s.seconds, s.before_deg - mean)).collect();
-    let (roll, seen, after) = (course(|s| s.roll_deg), course(|s| s.seen_roll_deg), course(|s| s.after_deg));
     let note = format!(
         "3.5 mm range noise; residual {:.4}\u{b0} sd before, {:.4}\u{b0} after taking out {:.0} us of delay",
         found.residual_before_deg, found.residual_after_deg, found.lidar_delay_us
     );
-    let courses = Courses {
-        title: "Rock test: roll by the inertial unit, slope by the scanner",
-        note: &note,
-        first: ("roll by the inertial unit", &roll),
-        second: ("slope of the ground by the scanner, one scan each", &seen),
-        shown_s: (0.0, 8.0),
-        before: Some(("residual with the old delay", &before)),
-        left: ("residual with the delay found, the whole test", &after),
-        left_axis: "residual, \u{b0}",
-    };
+    let title = "Rock test: roll by the inertial unit, slope by the scanner";
     report.pictures.push(Picture::new(
         "validation-rock",
         "Rock test: roll by the inertial unit and slope of the ground by the scanner, and the residual before and after the correction",
-        |theme| plot::courses(&courses, theme),
+        |theme| calibrate::picture(samples, title, &note, theme),
     )?);
-    let layers = calibrate::layers(drive, found, 60)?;
-    let note = "60 scans spread over the test, 3.5 mm range noise, seen from behind";
+    let layers = calibrate::layers(drive, found)?;
+    let note = format!("{DRAWN_SCANS} scans spread over the test, 3.5 mm range noise, seen from behind");
     report.pictures.push(Picture::new(
         "validation-ground",
         "Points of the ground under the rocked vehicle: as measured, with roll taken out, with roll and delay taken out",
-        |theme| plot::layers(&layers, "The ground under the rocked vehicle", note, theme),
+        |theme| plot::layers(&layers, "The ground under the rocked vehicle", &note, theme),
     )?);
     Ok(())
 }

@@ -6,7 +6,6 @@
 use super::pipeline::Bench;
 use super::{Error, Line, Picture, Report, limit};
 use crate::compare::attitude;
-use crate::plot::{self, Courses};
 use crate::simulate::scene::{Ins, Oscillation, Scene};
 
 /// How differently the second unit is mounted: the paper's mean difference.
@@ -43,25 +42,11 @@ pub fn run(bench: &Bench, report: &mut Report) -> Result<(), Error> {
         line("its error; limit one sigma", None, (found.roll.mean_deg - MOUNTED_DEG).abs(), mean_limit),
         line("RMS difference about the mean", Some(0.13), found.roll.rms_deg, rms_limit),
     ]);
-    let first: Vec<_> = found.samples.iter().map(|s| (s.seconds, s.first_deg)).collect();
-    let second: Vec<_> = found.samples.iter().step_by(10).map(|s| (s.seconds, s.second_deg)).collect();
-    let left: Vec<_> = found.samples.iter().map(|s| (s.seconds, s.second_deg - s.first_deg)).collect();
-    let note =
-        format!("difference: mean {:.3}\u{b0}, RMS about it {:.3}\u{b0}", found.roll.mean_deg, found.roll.rms_deg);
-    let courses = Courses {
-        title: "Roll by a unit in the vehicle and one on the scanner",
-        note: &note,
-        first: ("unit in the vehicle", &first),
-        second: ("unit on the scanner", &second),
-        shown_s: (0.0, seconds.min(20.0)),
-        before: None,
-        left: ("second less first, the whole drive", &left),
-        left_axis: "difference, \u{b0}",
-    };
+    let title = "Roll by a unit in the vehicle and one on the scanner";
     report.pictures.push(Picture::new(
         "validation-two-units",
         "Roll by two inertial units on one drive, and their difference",
-        |theme| plot::courses(&courses, theme),
+        |theme| found.picture(title, &found.said(), theme),
     )?);
     Ok(())
 }

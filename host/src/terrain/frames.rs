@@ -12,13 +12,18 @@
 //!
 //! Everything that is small is read and checked when the folder is opened; frames are read one by one.
 
+mod listing;
+mod objects;
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
 use crossfall_core::terrain::MovingBox;
-use serde::Deserialize;
+
+use listing::{Format, list_frames};
+use objects::read_objects;
 
 use super::lidar::SensorPose;
 use super::poses::{Poses, numbers, read_text};
@@ -119,49 +124,6 @@ pub enum Error {
     /// A place that is not on the map.
     #[error(transparent)]
     Place(#[from] crate::geodesy::Error),
-}
-
-/// A row of `objects.csv`: a moving object, in the world.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-pub struct ObjectRow {
-    /// Frame that it was seen in.
-    pub frame: usize,
-    /// Centre, m.
-    pub x: f64,
-    /// Centre, m.
-    pub y: f64,
-    /// Centre, m.
-    pub z: f64,
-    /// m.
-    pub length: f64,
-    /// m.
-    pub width: f64,
-    /// m.
-    pub height: f64,
-    /// Radians from x towards y.
-    pub yaw: f64,
-}
-
-/// What a detector's box may be too small by, on every side, m.
-const BOX_MARGIN: f64 = 0.2;
-
-impl ObjectRow {
-    fn outline(&self) -> MovingBox {
-        let micrometres = |metres: f64| (metres * 1e6) as i64;
-        MovingBox {
-            centre_um: [micrometres(self.x), micrometres(self.y)],
-            half_m: [(self.length / 2.0 + BOX_MARGIN) as f32, (self.width / 2.0 + BOX_MARGIN) as f32],
-            heading: [libm::cos(self.yaw) as f32, libm::sin(self.yaw) as f32],
-        }
-    }
-}
-
-/// How frames lie in their files.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Format {
-    Kitti,
-    Pcd,
-    Las,
 }
 
 /// What the user says of frames beyond what the folder tells.
@@ -364,90 +326,6 @@ fn own_poses(folder: &Path) -> PathBuf {
     }
 }
 
-/// The frames of a folder in their order.
-struct Listed {
-    files: Vec<PathBuf>,
-    /// The first one's number, where the files bear numbers that leave none out.
-    number: Option<usize>,
-}
-
-impl Listed {
-    /// Which of `found` poses or times is the first frame's.
-    fn first_of(
-        &self,
-        path: &Path,
-        what: &'static str,
-        found: usize,
-        remarks: &mut Vec<String>,
-    ) -> Result<usize, Error> {
-        let frames = self.files.len();
-        if found == frames {
-            return Ok(0);
-        }
-        let named = self.number.filter(|number| number.saturating_add(frames) <= found);
-        let Some(first) = named else { return Err(Error::Count { path: path.into(), found, what, frames }) };
-        let name = self.files[0].file_name().unwrap_or_default().display();
-        remarks.push(format!(
-            "{}: {found} {what} for {frames} frames: taken by the files' numbers; {first} before {name} and {} behind the last are not used",
-            path.display(),
-            found - first - frames
-        ));
-        Ok(first)
-    }
-}
-
-/// The frames of a folder, and their format.
-fn list_frames(folder: &Path) -> Result<(Listed, Format), Error> {
-    let velodyne = folder.join("velodyne");
-    if velodyne.is_dir() {
-        let frames = listed(&velodyne, &["bin"])?;
-        return if frames.files.is_empty() { Err(Error::NoFrames(folder.into())) } else { Ok((frames, Format::Kitti)) };
-    }
-    for place in [folder.to_path_buf(), folder.join("frames"), folder.join("pcd"), folder.join("las")] {
-        // A folder that is not there is the user's mistake only if it is the one named.
-        if place != folder && !place.is_dir() {
-            continue;
-        }
-        for (format, endings) in [(Format::Pcd, &["pcd"][..]), (Format::Las, &["las", "laz"])] {
-            let frames = listed(&place, endings)?;
-            if !frames.files.is_empty() {
-                return Ok((frames, format));
-            }
-        }
-    }
-    Err(Error::NoFrames(folder.into()))
-}
-
-/// Files of some endings, by their numbers where all names are numbers, else by their names. Numbers that count from 0 or 1 must
-/// leave none out.
-fn listed(folder: &Path, endings: &[&str]) -> Result<Listed, Error> {
-    let read = |source| Error::Read { path: folder.into(), source };
-    let mut files = Vec::new();
-    for entry in fs::read_dir(folder).map_err(read)? {
-        let path = entry.map_err(read)?.path();
-        let ending = path.extension().and_then(|ending| ending.to_str()).map(str::to_ascii_lowercase);
-        if ending.is_some_and(|ending| endings.contains(&ending.as_str())) {
-            files.push(path);
-        }
-    }
-    files.sort();
-    let stem = |path: &PathBuf| path.file_stem().and_then(|stem| stem.to_str()).map(str::to_owned);
-    let numbers: Option<Vec<u64>> = files.iter().map(|path| stem(path)?.parse().ok()).collect();
-    let Some(numbers) = numbers.filter(|numbers| !numbers.is_empty()) else {
-        return Ok(Listed { files, number: None });
-    };
-    let mut numbered: Vec<(u64, PathBuf)> = numbers.into_iter().zip(files).collect();
-    numbered.sort();
-    let (first, last) = (numbered[0].0, numbered[numbered.len() - 1].0);
-    let counted = first <= 1 && last < 100_000_000;
-    let gap = numbered.iter().zip(first..).find(|((number, _), wanted)| number != wanted).map(|(_, missing)| missing);
-    if let Some(missing) = gap.filter(|_| counted) {
-        return Err(Error::Gap { folder: folder.into(), missing: missing as usize, last: last as usize });
-    }
-    let number = gap.is_none().then_some(first).and_then(|first| usize::try_from(first).ok());
-    Ok(Listed { files: numbered.into_iter().map(|(_, path)| path).collect(), number })
-}
-
 fn read_times(path: &Path) -> Result<Vec<f64>, Error> {
     let mut times: Vec<f64> = Vec::new();
     for (index, line) in read_text(path)?.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
@@ -459,27 +337,4 @@ fn read_times(path: &Path) -> Result<Vec<f64>, Error> {
         times.push(time);
     }
     Ok(times)
-}
-
-fn read_objects(path: &Path) -> Result<BTreeMap<usize, Vec<MovingBox>>, Error> {
-    let wrong = |error: csv::Error| {
-        let line = error.position().map_or(1, |position| position.line() as usize);
-        Error::Line { path: path.into(), line, what: format!("expected frame,x,y,z,length,width,height,yaw: {error}") }
-    };
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_path(path).map_err(wrong)?;
-    let names = reader.headers().map_err(wrong)?.clone();
-    let mut objects: BTreeMap<usize, Vec<MovingBox>> = BTreeMap::new();
-    let mut record = csv::StringRecord::new();
-    while reader.read_record(&mut record).map_err(wrong)? {
-        let row: ObjectRow = record.deserialize(Some(&names)).map_err(wrong)?;
-        let sound = [row.x, row.y, row.z, row.length, row.width, row.height, row.yaw].iter().all(|v| v.is_finite());
-        // The map draws boxes of up to 50 m of length and width together, the margins included: more than any vehicle has.
-        if !sound || row.length <= 0.0 || row.width <= 0.0 || row.length + row.width > 40.0 {
-            let what = format!("the box of frame {} has no sensible size", row.frame);
-            let line = record.position().map_or(1, |position| position.line() as usize);
-            return Err(Error::Line { path: path.into(), line, what });
-        }
-        objects.entry(row.frame).or_default().push(row.outline());
-    }
-    Ok(objects)
 }

@@ -6,24 +6,30 @@
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use las::Reader;
 
 use super::frames::{Error, MOST_POINTS};
+use super::laz_layers::{Bounded, Layers};
 use crate::unwinding::contained;
 
 /// Bytes of points that are read at once.
 const PART: u64 = 4 << 20;
 
-fn open(path: &Path) -> Result<Reader, Error> {
+fn open(path: &Path) -> Result<(Reader, Arc<AtomicU64>), Error> {
     check(path)?;
-    Reader::from_path(path).map_err(|source| Error::Las { path: path.into(), source })
+    let file = File::open(path).map_err(|source| Error::Read { path: path.into(), source })?;
+    let (file, end) = Bounded::new(file);
+    let reader = Reader::new(file).map_err(|source| Error::Las { path: path.into(), source })?;
+    Ok((reader, end))
 }
 
 /// Number of points that a file's header tells.
 pub(super) fn count(path: &Path) -> Result<u64, Error> {
     // What is wrong is told when the frame is read.
-    Ok(walled(path, || open(path).map(|reader| reader.header().number_of_points())).unwrap_or(0))
+    Ok(walled(path, || open(path).map(|(reader, _)| reader.header().number_of_points())).unwrap_or(0))
 }
 
 /// What a library makes of a file; its panic is damage of the file.
@@ -42,8 +48,11 @@ pub(super) fn read(path: &Path, put: &mut (impl FnMut([f64; 3], f32) + Send)) ->
 }
 
 fn read_all(path: &Path, put: &mut impl FnMut([f64; 3], f32)) -> Result<(), Error> {
-    let mut reader = open(path)?;
+    let (mut reader, end) = open(path)?;
     let mut left = reader.header().number_of_points();
+    if let Some(layers) = Layers::of(reader.header()) {
+        end.store(end_of(path, layers, left)?, Ordering::Relaxed);
+    }
     let most = PART / u64::from(reader.header().point_format().len()).max(1);
     while left > 0 {
         let part = left.min(most);
@@ -58,6 +67,17 @@ fn read_all(path: &Path, put: &mut impl FnMut([f64; 3], f32)) -> Result<(), Erro
         }
     }
     Ok(())
+}
+
+/// Where the last chunk ends.
+fn end_of(path: &Path, layers: Layers, points: u64) -> Result<u64, Error> {
+    let failed = |source| Error::Read { path: path.into(), source };
+    let mut file = File::open(path).map_err(failed)?;
+    let bytes = file.metadata().map_err(failed)?.len();
+    // LAS 1.4 R15, table 3: where the points begin.
+    let first = whole(&bytes_at::<4>(&mut file, 96).map_err(failed)?);
+    let end = layers.end(&mut file, first, bytes, points).map_err(failed)?;
+    end.map_err(|damage| Error::Format { path: path.into(), offset: damage.at, what: damage.what })
 }
 
 /// Refuses a file of more points than any frame has, and one that is shorter than its points (LAS), its chunks (LAZ) or its extended records are told to be. What else is wrong with it, and a

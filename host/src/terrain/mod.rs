@@ -10,6 +10,7 @@ pub mod frames;
 pub mod geotiff;
 pub mod ghosts;
 mod las_frames;
+mod laz_layers;
 pub mod lidar;
 pub mod map_files;
 pub mod mapper;

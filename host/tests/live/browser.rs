@@ -67,6 +67,28 @@ fn an_operator_records_a_drive_by_touch() {
 }
 
 #[test]
+fn the_page_tells_what_a_recording_has_lost_in_the_words_of_the_server() {
+    let Some(mut page) = page() else { return };
+    let bench = Bench::on_capture(1.0);
+    open(&mut page, &bench);
+    let mut shown = |state: &str, wanted: &str| {
+        // In one go: the server's next state changes it again.
+        page.eval(&format!(
+            "import('/panels.js').then((panels) => {{ panels.showRecording({state}); \
+             window.shown = document.querySelector('#record-size').textContent; }})"
+        ));
+        page.until(&format!("window.shown === {wanted:?}"));
+    };
+    let idle = "recording: { phase: 'idle' }, last_recording: { seconds: 61, bytes: 2e6 }";
+    shown(&format!("{{ {idle}, recording_amiss: ['3 frames lost', 'x'] }}"), "2.0 MB, 3 frames lost, x");
+    shown(&format!("{{ {idle}, recording_amiss: [] }}"), "saved, 2.0 MB");
+    let on = "recording: { phase: 'recording', seconds: 5, bytes: 3e6, name: 'a' }, last_recording: null";
+    shown(&format!("{{ {on}, recording_amiss: ['1 byte lost'] }}"), "3.0 MB, 1 byte lost");
+    shown(&format!("{{ {on}, recording_amiss: [] }}"), "3.0 MB");
+    shown("{ recording: { phase: 'idle' }, last_recording: null, recording_amiss: [] }", "not recording");
+}
+
+#[test]
 fn an_operator_without_a_pointer_does_the_same() {
     let Some(mut page) = page() else { return };
     let bench = Bench::on_capture(1.0);

@@ -354,6 +354,8 @@ fn an_unplugged_board_is_told_with_its_reason_and_comes_back() {
     assert_eq!(viewer.ask(json!({ "do": "stop" }))["ok"], true);
     let state = viewer.until_state(|state| state["last_recording"].is_object());
     assert!(state["last_recording"]["frames_lost"].as_u64() > Some(0), "what was sent meanwhile is lost, and told");
+    let told = format!("{} frames lost", state["last_recording"]["frames_lost"]);
+    assert_eq!(state["recording_amiss"][0].as_str(), Some(&*told));
     assert!(state["faults"].as_array().unwrap().iter().any(|fault| fault["words"].as_str().unwrap().contains("lost")));
     let report = verify::verify(&bench.folder.path().join("plug.log.mcap"), |_| ()).unwrap();
     assert!(report.missing_frames > 0 && report.profiles_reproduced > 10);

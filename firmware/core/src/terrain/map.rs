@@ -5,28 +5,20 @@
 //! refresh gradient, relief and risk of touched tiles. All storage is the caller's and constant; the work is bounded by
 //! the points given and the tiles there are. A frame that cannot be trusted changes nothing and says why.
 
+mod refresh;
+
 use super::align::{Alignment, Pair, align};
 use super::boxes::{MovingBox, mark_boxes};
-use super::classify::{Outlook, classify};
 use super::config::TerrainConfig;
 use super::geometry::{Pose, Step, Track};
 use super::marks::{Board, Lies, Marks, Tall};
-use super::plane;
 use super::project::{PointCounts, Projection, Sample, Targets, project};
-use super::relief::{Patch, Relief};
-use super::risk::{RiskTable, SLOW};
+use super::risk::RiskTable;
 use super::sight::{RangeImage, RangePixels};
-use super::slope::{Tried, measure, pool};
 use super::standing::{forget_ages, look_through, raise};
-use super::tile::{Margins, TALL_CERTAIN, TILE_CELLS, TILE_SIDE, Tile, TileKey, UNITS_PER_M, Update, margin_table};
+use super::tile::{Margins, TALL_CERTAIN, Tile, TileKey, UNITS_PER_M, Update, margin_table};
 use super::vectors::{AsBuilt, Vectors};
-use super::window::{Neighbours, Window};
-
-/// Beyond this, 20 m, a tile's risk is told half as often: at any speed there is time for it, and most tiles lie there.
-const FAR_UM: i64 = 20_000_000;
-
-/// The tiles whose gradients may explain a tile's heights.
-const BESIDE: [(i32, i32); 4] = [(-1, 0), (1, 0), (0, -1), (0, 1)];
+use super::window::Window;
 
 /// Storage that the caller lends.
 pub struct Storage<'a> {
@@ -205,48 +197,18 @@ impl<'a, V: Vectors> TerrainMap<'a, V> {
         let mut report = FrameReport::default();
         report.points.given = points.len().min(u32::MAX as usize) as u32;
         self.pending_us = self.pending_us.saturating_add(dt_us);
-        if !pose.is_rigid() || pose.position_um.iter().any(|um| um.unsigned_abs() > 4_000_000_000_000) {
-            report.refused = Some(Refusal::Pose);
-            return report;
-        }
-        if !points.iter().any(|p| p.iter().take(3).all(|value| value.is_finite())) {
-            report.refused = Some(Refusal::NoPoints);
+        report.refused = refusal(points, pose);
+        if report.refused == Some(Refusal::NoPoints) {
             report.points.not_finite = report.points.given;
+        }
+        if report.refused.is_some() || !self.pass_gate(pose, dt_us, &mut report, &mut retired) {
             return report;
         }
-        if !self.pass_gate(pose, dt_us, &mut report, &mut retired) {
-            return report;
-        }
-        if self.frame == 0 {
-            self.datum_um = pose.position_um[2].div_euclid(250) * 250;
-        }
-        self.sensor_um = pose.position_um;
-        self.forward = [pose.rotation[0][0], pose.rotation[1][0]];
-        let origin = self.origin_at(pose);
-        self.window.place(origin, &mut retired);
-
+        self.move_to(pose, &mut retired);
         let mut projection = Projection::new(pose, self.cell_um, &self.window, self.datum_um);
-        let reach = (self.config.nearest_m, self.config.farthest_m);
-        let (alignment, correction) = if self.config.push_broom {
-            Default::default()
-        } else {
-            align(points, &projection, &self.window, self.pairs, reach, self.config.cell_m)
-        };
-        report.alignment = alignment;
-        if alignment.compared >= 300 && alignment.within.saturating_mul(3) < alignment.compared {
-            self.misfits = self.misfits.saturating_add(1);
-            if self.misfits < 3 {
-                report.refused = Some(Refusal::Misfit);
-                return report;
-            }
-            // Three in a row: the ground is where the frames say, and the map is wrong.
-            self.window.clear(&mut retired);
-            report.restarted = true;
-        } else {
-            projection.correct(&correction);
+        if !self.fit(points, &mut projection, &mut report, &mut retired) {
+            return report;
         }
-        self.misfits = 0;
-
         let units = |metres: f32| (metres * UNITS_PER_M) as i32;
         let tall = Tall { stands: units(self.config.tall_above_m), hangs: units(self.config.overhang_m) };
         // What is hit for the first time is not looked through in the same frame.
@@ -254,23 +216,77 @@ impl<'a, V: Vectors> TerrainMap<'a, V> {
         self.marks.clear(tall);
         self.image.clear(see);
         report.boxes_refused = mark_boxes(boxes, &projection, self.cell_um, pose, &self.window, &mut self.marks);
+        self.take_in(points, &projection, (tall, see), &mut report.points);
+        self.judge_standing(pose, &projection, see, &mut report);
+        report.refreshed = self.refresh_in_turn();
+        report
+    }
+
+    /// Brings the window to where the sensor is.
+    fn move_to(&mut self, pose: &Pose, retired: &mut impl FnMut(&Tile)) {
+        if self.frame == 0 {
+            self.datum_um = pose.position_um[2].div_euclid(250) * 250;
+        }
+        self.sensor_um = pose.position_um;
+        self.forward = [pose.rotation[0][0], pose.rotation[1][0]];
+        let origin = self.origin_at(pose);
+        self.window.place(origin, retired);
+    }
+
+    /// Lays the frame on the map; whether it fits, or the map has to begin again.
+    fn fit(
+        &mut self,
+        points: &[[f32; 4]],
+        projection: &mut Projection,
+        report: &mut FrameReport,
+        retired: &mut impl FnMut(&Tile),
+    ) -> bool {
+        let reach = (self.config.nearest_m, self.config.farthest_m);
+        let (alignment, correction) = if self.config.push_broom {
+            Default::default()
+        } else {
+            align(points, projection, &self.window, self.pairs, reach, self.config.cell_m)
+        };
+        report.alignment = alignment;
+        if alignment.compared >= 300 && alignment.within.saturating_mul(3) < alignment.compared {
+            self.misfits = self.misfits.saturating_add(1);
+            if self.misfits < 3 {
+                report.refused = Some(Refusal::Misfit);
+                return false;
+            }
+            // Three in a row: the ground is where the frames say, and the map is wrong.
+            self.window.clear(retired);
+            report.restarted = true;
+        } else {
+            projection.correct(&correction);
+        }
+        self.misfits = 0;
+        true
+    }
+
+    /// Puts the points into their cells; with this the frame counts.
+    fn take_in(
+        &mut self,
+        points: &[[f32; 4]],
+        projection: &Projection,
+        (tall, see): (Tall, bool),
+        counts: &mut PointCounts,
+    ) {
         let [settled, others] = project(
             points,
-            &projection,
+            projection,
             &self.config,
             &self.window,
-            Targets {
-                samples: self.samples,
-                marks: &mut self.marks,
-                image: &mut self.image,
-                see,
-                counts: &mut report.points,
-            },
+            Targets { samples: self.samples, marks: &mut self.marks, image: &mut self.image, see, counts },
             self.unit,
         );
         self.frame = self.frame.wrapping_add(1);
-        self.settle(others, tall, &mut report.points);
-        self.fuse([settled, others], (projection.sensor_height(), tall), &mut report.points);
+        self.settle(others, tall, counts);
+        self.fuse([settled, others], (projection.sensor_height(), tall), counts);
+    }
+
+    /// Raises what stands, and takes down what the sensor has looked through if it can `see` that.
+    fn judge_standing(&mut self, pose: &Pose, projection: &Projection, see: bool, report: &mut FrameReport) {
         let stamp = self.stamp();
         if !self.config.push_broom {
             forget_ages(&mut self.window, self.frame);
@@ -282,16 +298,8 @@ impl<'a, V: Vectors> TerrainMap<'a, V> {
         }
         if see {
             (report.cleared, self.any_tall) =
-                look_through(&mut self.window, &self.marks, &self.image, &projection, pose, &self.config, stamp);
+                look_through(&mut self.window, &self.marks, &self.image, projection, pose, &self.config, stamp);
         }
-        let every = u32::from(self.config.refresh_every.max(1));
-        let first = match self.frame.checked_rem(every) {
-            None | Some(0) => 0,
-            Some(past) => every - past,
-        };
-        let due = self.schedule();
-        report.refreshed = self.refresh((first, every), due);
-        report
     }
 
     fn stamp(&self) -> u8 {
@@ -348,25 +356,6 @@ impl<'a, V: Vectors> TerrainMap<'a, V> {
         if self.frame != 0 && near(origin.x, held.x) && near(origin.y, held.y) { held } else { origin }
     }
 
-    /// Brings risk and classes up to date of the tiles that a frame with this pose will hand over as retired. Callers who
-    /// keep them call it before that frame; the others save themselves the work.
-    pub fn finish_leaving(&mut self, pose: &Pose) {
-        let origin = self.origin_at(pose);
-        if self.frame == 0 || origin == self.window.origin {
-            return;
-        }
-        let side = u32::from(self.window.side);
-        let leaves = move |key: TileKey| {
-            key.x.wrapping_sub(origin.x) as u32 >= side || key.y.wrapping_sub(origin.y) as u32 >= side
-        };
-        self.refresh((0, 1), |_, tile| tile.is_stale() && leaves(tile.key));
-        for slot in 0..self.window.tiles.len() {
-            if self.window.tiles.get(slot).is_some_and(|tile| leaves(tile.key)) {
-                self.classify_slot(slot);
-            }
-        }
-    }
-
     /// Settles the ground of tiles that the map does not know, and judges their points: `count` samples at the storage's end.
     fn settle(&mut self, count: usize, tall: Tall, counts: &mut PointCounts) {
         if count == 0 {
@@ -414,110 +403,15 @@ impl<'a, V: Vectors> TerrainMap<'a, V> {
         let tiles = &mut *self.window.tiles;
         counts.fused = fuse(tiles, front.iter(), &by) + fuse(tiles, back.iter().rev(), &by);
     }
+}
 
-    /// Tells gradient, relief, risk and class of every tile anew, so that all of them stand on the same heights.
-    pub fn refresh_all(&mut self) {
-        for tile in self.window.tiles.iter_mut() {
-            tile.dirty = tile.in_use;
-        }
-        self.refresh((0, 1), |_, tile| tile.dirty);
-        for slot in 0..self.window.tiles.len() {
-            self.classify_slot(slot);
-        }
+/// What makes a frame useless before it is looked at.
+fn refusal(points: &[[f32; 4]], pose: &Pose) -> Option<Refusal> {
+    if !pose.is_rigid() || pose.position_um.iter().any(|um| um.unsigned_abs() > 4_000_000_000_000) {
+        return Some(Refusal::Pose);
     }
-
-    /// Which tiles are told anew in this frame: every so manyth, and of those far off every other.
-    fn schedule(&self) -> impl Fn(usize, &Tile) -> bool + use<V> {
-        let every = u32::from(self.config.refresh_every.max(1));
-        let frame = self.frame;
-        let tile_um = self.cell_um.wrapping_mul(16).max(1);
-        let key = |axis: usize| {
-            let position = self.sensor_um.get(axis).copied().unwrap_or(0);
-            position.div_euclid(tile_um) as i32
-        };
-        let here = TileKey { x: key(0), y: key(1) };
-        let near = FAR_UM.checked_div(tile_um).unwrap_or(0) as u32;
-        move |slot, tile| {
-            let far = tile.key.x.abs_diff(here.x).max(tile.key.y.abs_diff(here.y)) > near;
-            let every = if far { 2 * every } else { every };
-            tile.is_stale() && (slot as u32).wrapping_add(frame).checked_rem(every) == Some(0)
-        }
-    }
-
-    /// Tells the tiles that are due anew, of every `step`th slot from `first` on; how many they were.
-    fn refresh(&mut self, (first, step): (u32, u32), due: impl Fn(usize, &Tile) -> bool) -> u32 {
-        let unit = self.unit;
-        let (first, step) = (first as usize, (step as usize).max(1));
-        let push_broom = self.config.push_broom;
-        let review = (!push_broom).then(|| self.stamp());
-        for (slot, tile) in self.window.tiles.iter_mut().enumerate().skip(first).step_by(step) {
-            if due(slot, tile) {
-                unit.run(|| measure(tile, review));
-                if push_broom {
-                    plane::fit(tile);
-                }
-            }
-        }
-        let mut refreshed = 0;
-        let mut patch = Patch::EMPTY;
-        let mut relief = [[0; TILE_SIDE]; TILE_SIDE];
-        for slot in (first..self.window.tiles.len()).step_by(step) {
-            let Some(tile) = self.window.tiles.get(slot) else { continue };
-            if !due(slot, tile) {
-                continue;
-            }
-            let around = self.window.around(tile.key);
-            let rise = pool(&self.window, &around, tile.key);
-            let told = match rise {
-                Some(rise) if unit.run(|| patch.gather(&around)) => {
-                    relief_on_slopes(&mut patch, &around, rise, push_broom, &mut relief, unit);
-                    true
-                }
-                _ => false,
-            };
-            if let Some(tile) = self.window.tiles.get_mut(slot) {
-                let brings_plane = tile.dirty && tile.plane.is_some();
-                (tile.dirty, tile.tell_again) = (false, false);
-                tile.rise = rise.unwrap_or(tile.rise);
-                store(tile, told.then_some(&relief), &self.table, unit);
-                refreshed += 1;
-                if brings_plane {
-                    let key = tile.key;
-                    self.tell_again_beside(key);
-                }
-            }
-        }
-        refreshed
-    }
-
-    /// Risky tiles beside one are told again: its plane, which they may not have known, may explain them.
-    fn tell_again_beside(&mut self, key: TileKey) {
-        for (dx, dy) in BESIDE {
-            let beside = TileKey { x: key.x.wrapping_add(dx), y: key.y.wrapping_add(dy) };
-            if let Some(tile) = self.window.tile_mut(beside) {
-                tile.tell_again |= tile.in_use && tile.risk.iter().any(|risk| *risk >= SLOW);
-            }
-        }
-    }
-
-    fn classify_slot(&mut self, slot: usize) {
-        let Some(tile) = self.window.tiles.get(slot) else { return };
-        if !tile.in_use || !tile.unclassified {
-            return;
-        }
-        let tile_um = self.cell_um.wrapping_mul(16).max(1);
-        let from_corner = |axis: usize, key: i32| {
-            let corner = tile_um.wrapping_mul(i64::from(key));
-            let position = self.sensor_um.get(axis).copied().unwrap_or(0);
-            position.wrapping_sub(corner) as f32 / self.cell_um.max(1) as f32
-        };
-        let at = [from_corner(0, tile.key.x), from_corner(1, tile.key.y)];
-        let classes = classify(&self.window, tile, Outlook { at, forward: self.forward });
-        if let Some(tile) = self.window.tiles.get_mut(slot) {
-            tile.class = classes;
-            tile.unclassified = false;
-        }
-    }
+    let any = points.iter().any(|p| p.iter().take(3).all(|value| value.is_finite()));
+    (!any).then_some(Refusal::NoPoints)
 }
 
 /// Leaves samples out; how many they were.
@@ -544,54 +438,4 @@ fn fuse<'s>(tiles: &mut [Tile], samples: impl Iterator<Item = &'s Sample>, by: &
         taken += 1;
     }
     taken
-}
-
-/// Relief under the tile's gradient, or under a neighbour's where that explains the heights better: where a ramp
-/// begins, half of a tile lies on one slope and half on the other, and neither is a step. In a push broom's map, where the relief reaches over half a
-/// metre to the next line, also under gradients between two of these: across the hinge of a slope each of both is off on one side.
-fn relief_on_slopes(
-    patch: &mut Patch,
-    around: &Neighbours<'_>,
-    rise: [i16; 2],
-    push_broom: bool,
-    relief: &mut Relief,
-    unit: impl Vectors,
-) {
-    // 3 cm: below it nothing asks to slow down.
-    if unit.run(|| patch.relief(rise, relief)) < 120 {
-        return;
-    }
-    let mut again = [[0; TILE_SIDE]; TILE_SIDE];
-    let mut tried = Tried::first(rise);
-    let mut try_also = |tried: &mut Tried<8>, rise, most| {
-        if tried.add(rise, most) {
-            unit.run(|| patch.relief(rise, &mut again));
-            for (held, new) in relief.as_flattened_mut().iter_mut().zip(again.as_flattened()) {
-                *held = (*held).min(*new);
-            }
-        }
-    };
-    for (dx, dy) in BESIDE {
-        if let Some(other) = around.tile(dx, dy).filter(|tile| tile.known >= 12 || tile.plane.is_some()) {
-            try_also(&mut tried, other.plane.unwrap_or(other.rise), if push_broom { 5 } else { 3 });
-        }
-    }
-    for between in tried.between().into_iter().filter(|_| push_broom).flatten() {
-        try_also(&mut tried, between, 8);
-    }
-}
-
-fn store(tile: &mut Tile, relief: Option<&Relief>, table: &RiskTable, unit: impl Vectors) {
-    match relief {
-        Some(relief) => unit.run(|| table.tell(relief, &mut tile.risk)),
-        None => tile.risk = [0; TILE_CELLS],
-    }
-    if tile.has_tall {
-        for (risk, tall) in tile.risk.iter_mut().zip(&tile.tall) {
-            if *tall >= TALL_CERTAIN {
-                *risk = 255;
-            }
-        }
-    }
-    tile.unclassified = true;
 }

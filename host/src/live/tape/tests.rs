@@ -24,7 +24,7 @@ fn tape(folder: &Path, min_free: u64) -> (LiveTape, Sender<Order>, Arc<Mutex<Sha
 
 fn record(orders: &Sender<Order>) -> oneshot::Receiver<Result<String, String>> {
     let (tell, told) = oneshot::channel();
-    orders.send(Order::Record { name: "x".into(), tell }).unwrap();
+    orders.send(Order::Record { name: DriveName::new("x").unwrap(), tell }).unwrap();
     told
 }
 
