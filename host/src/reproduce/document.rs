@@ -132,7 +132,7 @@ shifting the drives along the road by what makes their slopes agree best (one nu
 
 **Variation** (figure 9). The paper shows that slopes vary within a section and along the road, without a number. Scanned pieces of 1.22 m follow the truth.
 
-**What the table shows against crossfall.** On ground that undulates, the error of a scan is several times the limit, and up to a sixth of the slopes is flagged `doubtful`: the measuring mode ends a
-slope where the ground leaves its line by more than noise does, follows it beyond where the ground goes on, and doubts what it cannot follow. The paper's search with its band of 25 mm finds them all, at four times the error. The undulation of 8 mm is
+**What the table shows against crossfall.** On ground that undulates, the error of a scan is several times the limit, and up to a fifth of the slopes is flagged `doubtful`: the measuring mode ends a
+slope where the ground leaves its line by more than noise does, follows it beyond where the ground goes on, and doubts what it cannot follow. The paper's search with its band of 25 mm finds them all, at five times the error. The undulation of 8 mm is
 an assumption, and the lines grow with it.
 ";
