@@ -216,9 +216,9 @@ impl Sums {
         let mut sums = Self::default();
         // Kept samples above, the roots of their weights below: 401 x 2^12 stays below 2^21.
         let mut count_kept = 0u32;
-        let mut index = 0;
-        while let Some(sample) = samples.get(index) {
-            index += stride.max(1);
+        let mut rest = samples;
+        while let [sample, ..] = rest {
+            rest = rest.get(stride.max(1)..).unwrap_or_default();
             let e = line.residual(sample);
             // As one comparison: what is not within +/- (2^15 - 1) wraps beyond.
             if e.wrapping_add(E_MOST) as u32 > 2 * E_MOST as u32 {
@@ -233,9 +233,10 @@ impl Sums {
             let w = (((sample.weight >> shift) * tukey_q12) >> 12) as i32;
             let u = (sample.u - line.u) >> ARM_BITS;
             let wu = w * u;
+            // Products of 64 bits are added in one instruction, those of 32 in three.
             sums.w += w;
-            sums.wu += i64::from(wu);
-            sums.we += i64::from(w * e);
+            sums.wu += i64::from(w) * i64::from(u);
+            sums.we += i64::from(w) * i64::from(e);
             sums.wuu += i64::from(wu) * i64::from(u);
             sums.wue += i64::from(wu) * i64::from(e);
             count_kept += u32::from(keep_q12 > 0) << KEPT_BITS | keep_q12;

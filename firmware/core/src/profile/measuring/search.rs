@@ -55,6 +55,7 @@ pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) 
     // Starting within a good run would mostly find it again: past `settled` and `thinned` all and every third start counts.
     let (mut settled, mut thinned) = (0, 0);
     let mut next = 0;
+    let mut ends = Ends { start: i32::MAX, places: [0; BASES.len()] };
     while let Some(along) = samples.get(next..) {
         let (i, Some(a)) = (next, along.first()) else { break };
         next = (next + stride).max(settled);
@@ -62,15 +63,12 @@ pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) 
         if (i < thinned && i % 3 != 0) || a.u < start || a.u > start + START_REACH || raised.holds(i) {
             continue;
         }
+        ends.move_to(samples, i, a.u);
         // The widest first: the surest of its slope, it may make the others needless.
-        let mut ends = [None; BASES.len()];
-        let mut outer = along.iter().enumerate();
-        for (end, base) in ends.iter_mut().rev().zip(BASES) {
-            *end = outer.find(|(_, b)| b.u - a.u >= base);
-        }
-        for (away, b) in ends.into_iter().flatten() {
+        for end in ends.places.into_iter().rev() {
+            let Some(b) = samples.get(end) else { continue };
             let base = b.u - a.u;
-            if base > wanted.longest || raised.holds(i + away) {
+            if base > wanted.longest || raised.holds(end) {
                 continue;
             }
             // 14 fraction bits: 0.6 mm over 10 m. Within 2^17 units of 8 grains the dividend stays below 2^31.
@@ -80,7 +78,7 @@ pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) 
                 continue;
             }
             let line = Line { u: a.u, z: a.z, slope_q30: slope_q14 << 16 };
-            if undercut(along.get(..away).unwrap_or_default(), &line) {
+            if undercut(samples.get(i..end).unwrap_or_default(), &line) {
                 continue;
             }
             let (span, score) = follow(along.iter(), &line, wanted.obstruction);
@@ -107,6 +105,30 @@ pub fn find(samples: &mut [Sample], start: i32, wanted: &Wanted, noise: &Noise) 
         5 * along.score >= 4 * run.score && other.slope_q30.abs_diff(line.slope_q30) > RIVAL_TURN_Q30
     };
     (run.score > 0).then(|| Best { line, run, contested: followed.iter().any(rivals) })
+}
+
+/// Where the bases of a candidate end, shortest first: for each the first sample past the one before that is at least so far out.
+struct Ends {
+    /// Where they start, outward.
+    start: i32,
+    places: [usize; BASES.len()],
+}
+
+impl Ends {
+    /// For bases that start at `start` with sample `first`, further on than before: unless that is nearer, none of them ends earlier.
+    fn move_to(&mut self, samples: &[Sample], first: usize, start: i32) {
+        let nearer = start < self.start;
+        self.start = start;
+        let mut least = first;
+        for (place, base) in self.places.iter_mut().zip(BASES) {
+            let mut at = if nearer { least } else { least.max(*place) };
+            while samples.get(at).is_some_and(|s| s.u - start < base) {
+                at += 1;
+            }
+            *place = at;
+            least = at + 1;
+        }
+    }
 }
 
 /// What a search finds.
