@@ -23,7 +23,10 @@ fn every_target_holds_over_its_corpus_and_mutations_of_it() {
         for seed in 0..mutations {
             let mut draw = Draw::new(seed);
             let mut input = inputs[draw.below(inputs.len())].clone();
-            mutate(&mut input, &inputs[draw.below(inputs.len())], &mut draw);
+            // Damages come together.
+            for _ in 0..=seed % 4 {
+                mutate(&mut input, &inputs[draw.below(inputs.len())], &mut draw);
+            }
             let kept = input.clone();
             let held = catch_unwind(AssertUnwindSafe(|| run(name, &input)));
             assert!(

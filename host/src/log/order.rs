@@ -103,6 +103,7 @@ impl Order {
                 settled.told.push((settled.messages.len(), place, what));
             }
             let missing = self.last.map_or(0, |(last, _)| message.sequence.wrapping_sub(last).wrapping_sub(1));
+            self.number(missing, &settled.messages);
             if (LEAST_MISSING..SLOTS as u32).contains(&missing) {
                 self.read_ahead(&message, look(message.offset), &mut settled);
             }
@@ -110,6 +111,19 @@ impl Order {
             settled.messages.push(message);
         }
         settled
+    }
+
+    /// Takes note of the frames without a number that were read last, if they are as many as numbers are missing behind them.
+    fn number(&mut self, missing: u32, messages: &[Message]) {
+        let Some((last, _)) = self.last else { return };
+        let headless = messages.iter().rev().take_while(|message| !salvage::is_certain(message)).count();
+        if headless > 0 && missing as usize == headless {
+            for (message, step) in messages[messages.len() - headless..].iter().zip(1..) {
+                let number = last.wrapping_add(step);
+                self.enter(message, number);
+                self.heads[number as usize % SLOTS] = UNTOLD;
+            }
+        }
     }
 
     /// Of frames found further on those that were written before this one, in front of it.
@@ -153,16 +167,27 @@ impl Order {
             taken.push(one);
         }
         let Some(places) = places else { return };
-        self.ahead.extend(taken.iter().map(|one| one.sequence));
-        // Those without a number that stand here belong to what comes.
+        // Those without a number that stand here belong to what comes, or are one of it: the other is left out when its place is reached.
         let certain = settled.messages.iter().rposition(salvage::is_certain).map_or(0, |last| last + 1);
-        let what = format!("{} frames stand behind later ones; they are read in their order", taken.len());
-        settled.told.push((certain, places, what));
+        let mut headless = settled.messages.split_off(certain);
+        let here = headless.first().map_or(message.offset, |first| first.offset);
+        let prints: HashSet<u64> = headless.iter().map(|one| print(&one.data)).collect();
+        let moved = |one: &&Message| !prints.contains(&print(&one.data));
+        let ahead = self.ahead.len();
+        self.ahead.extend(taken.iter().filter(moved).map(|one| one.sequence));
+        if self.ahead.len() > ahead {
+            let what =
+                format!("{} frames stand behind later ones; they are read in their order", self.ahead.len() - ahead);
+            settled.told.push((certain, places, what));
+        }
+        let taken_prints: HashSet<u64> = taken.iter().map(|one| print(&one.data)).collect();
+        headless.retain(|one| !taken_prints.contains(&print(&one.data)));
         // Places rise: what is read here has the place of what it stands before.
         for one in &mut taken {
-            one.offset = message.offset;
+            one.offset = here;
         }
-        settled.messages.splice(certain..certain, taken);
+        settled.messages.append(&mut taken);
+        settled.messages.append(&mut headless);
     }
 
     /// Frames that stand twice, once those behind them have come or none does.
@@ -220,7 +245,8 @@ impl Order {
     }
 
     fn is_known(&self, message: &Message) -> bool {
-        self.has_head(message) && self.has_print(message.sequence, message)
+        let untold = self.heads.get(message.sequence as usize % SLOTS) == Some(&UNTOLD);
+        (untold || self.has_head(message)) && self.has_print(message.sequence, message)
     }
 }
 
@@ -228,9 +254,12 @@ fn extent(message: &Message) -> Range<u64> {
     message.offset..salvage::end(message)
 }
 
+/// In place of a number and a time that no record tells.
+const UNTOLD: u64 = 1;
+
 /// Number and time of a record in one number, never 0. No writer gives both to two records.
 fn head(message: &Message) -> u64 {
-    message.log_time.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(u64::from(message.sequence)).max(1)
+    message.log_time.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(u64::from(message.sequence)).max(UNTOLD + 1)
 }
 
 /// A frame's first and last bytes, which have its own number and its CRC, and its length.

@@ -238,6 +238,39 @@ fn zeros_over_records_make_up_no_frame_and_no_time() {
     }
 }
 
+/// A block that stands a second time further on, and whose records have lost their heads where they belong.
+#[test]
+fn a_frame_without_a_head_is_not_read_again_from_a_copy_that_has_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let written = good(&path, 200, Options::default());
+    let whole = fs::read(&path).unwrap();
+    let at = |number: usize| {
+        let frame = &written[number].1;
+        whole.windows(frame.len()).position(|window| window == frame).unwrap() - salvage::HEAD
+    };
+    for damaged in 1..8 {
+        let mut bytes = whole.clone();
+        let copied = at(100)..at(100 + damaged);
+        bytes.copy_within(copied.clone(), at(150));
+        for number in 100..100 + damaged {
+            bytes[at(number)..][..salvage::HEAD].fill(0xa5);
+        }
+        fs::write(&path, &bytes).unwrap();
+        let mut places = Vec::new();
+        let mut read = vec![0; written.len()];
+        for frame in Reader::open(&path).unwrap().flatten() {
+            places.push(frame.offset);
+            if let Some(number) = written.iter().position(|(_, bytes)| *bytes == frame.bytes) {
+                read[number] += 1;
+            }
+        }
+        assert!(read.iter().all(|&times| times <= 1), "{damaged}: {read:?}");
+        assert_eq!(read[..150], [1; 150], "{damaged} heads damaged");
+        assert!(places.is_sorted(), "{damaged}: {places:?}");
+    }
+}
+
 /// Joined files, which is no way to join logs, and what a disk or a tool leaves at the end of one.
 #[test]
 fn what_lies_behind_the_end_is_told_and_searched() {

@@ -27,12 +27,13 @@ fn with_file(input: &[u8], read: impl FnOnce(&Path)) {
     });
 }
 
-/// Whatever the file holds: reading it ends, offsets lie within it, and no frame comes twice (in plain chunks each has a place of its own).
+/// Whatever the file holds: reading it ends, offsets lie within it, and in plain chunks no frame comes twice: each has a place of its own, but for those read
+/// out of blocks that have changed places, which have the place of the frame that they stand before.
 pub fn log_reader(input: &[u8]) {
     with_file(input, |path| {
         let mut items = 0;
         let packed = input.windows(4).any(|name| name == b"zstd") || input.windows(3).any(|name| name == b"lz4");
-        let mut last = 0;
+        let (mut last, mut here) = (0, Vec::new());
         if let Ok(reader) = log::Reader::open(path) {
             for item in reader {
                 items += 1;
@@ -41,8 +42,13 @@ pub fn log_reader(input: &[u8]) {
                         assert!(frame.offset <= input.len() as u64);
                         // What is no frame may be empty, and a frame in the very first bytes has no room for a record's head before it.
                         if !packed && !frame.bytes.is_empty() && frame.offset > 0 {
-                            assert!(frame.offset > last, "a frame at {} behind one at {last}", frame.offset);
+                            assert!(frame.offset >= last, "a frame at {} behind one at {last}", frame.offset);
+                            if frame.offset > last {
+                                here.clear();
+                            }
                             last = frame.offset;
+                            assert!(!here.contains(&frame.bytes), "a frame at {last} comes twice");
+                            here.push(frame.bytes);
                         }
                     }
                     Err(error) => {
