@@ -152,7 +152,7 @@ impl Section {
         if undulates { slope.noise } else { self.noise }
     }
 
-    /// Fits the slopes anew between the hinges that they make.
+    /// Fits the slopes anew between the hinges that they make; whether one has moved.
     fn settle(&mut self, samples: &mut [Sample]) -> bool {
         let Hinges { edge, foot, facing } = self.hinges(samples, Want::Places);
         let adjacent = self.adjacent;

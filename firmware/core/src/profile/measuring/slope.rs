@@ -209,7 +209,7 @@ const UNDULATES: u32 = (millimetres(3) * millimetres(3)) as u32;
 
 impl Found {
     /// Fits again over the samples between two places: the ends of a run lean on its own residuals, those of the hinges
-    /// do not, so that no sample is chosen for lying where the line wants it.
+    /// do not, so that no sample is chosen for lying where the line wants it. Whether the line has moved, so that its hinges have.
     pub fn settle(&mut self, samples: &mut [Sample], start: &Place, end: &Place, noise: &Noise) -> bool {
         let slope_q30 = self.fit.line.slope_q30;
         let first = inward_of(samples, self.fit.line.place_at(start.u));
@@ -234,7 +234,7 @@ impl Found {
     }
 }
 
-/// About 0.06 degrees.
+/// A slope that has turned by more than this, about 0.06 degrees, has moved.
 const MOVED_Q30: u32 = 1 << 20;
 
 /// A step with weights of the present noise.
